@@ -9,8 +9,7 @@ Markdown files and exit codes.
 import os
 import platform
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, fields
-from operator import attrgetter
+from dataclasses import asdict, dataclass, field, fields, is_dataclass
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
@@ -34,19 +33,34 @@ Case = TypeVar("Case")
 Result = TypeVar("Result")
 
 
-def column(heading: str, show: str | Callable[[Any], str] = "", doc: str = "", optional: bool = False) -> Any:
-    """Declare a field of a row: heading of its column, format and meaning.
+@dataclass(frozen=True, slots=True)
+class Cell:
+    """A value of a row: its name in JSON, and the heading, format and meaning of its column.
 
-    show: a format specification such as ".2f", which is applied to each value of a tuple and shows None as
-    "-"; or a function that returns the text of a value, including None. doc: unit and meaning, which the
-    legend below the table explains. optional: the column is left out if it has no value in any row.
+    heading: None without a column; "" also for a dataclass that declares columns itself. show: a format
+    specification such as ".2f", which is applied to each value of a tuple and shows None as "-"; or a
+    function that returns the text of a value, including None. doc: unit and meaning, which the legend below
+    the table explains. optional: the column is left out if it has no value in any row.
     """
+
+    name: str
+    value: Any
+    heading: str | None = ""
+    show: str | Callable[[Any], str] = ""
+    doc: str = ""
+    optional: bool = False
+
+    def __str__(self) -> str:
+        if callable(self.show):
+            return self.show(self.value)
+        if isinstance(self.value, tuple):
+            return ", ".join(format(each, self.show) for each in self.value)
+        return NONE if self.value is None else format(self.value, self.show)
+
+
+def column(heading: str, show: str | Callable[[Any], str] = "", doc: str = "", optional: bool = False) -> Any:
+    """Declare a field of a dataclass as a cell of a row; the arguments are those of `Cell`."""
     return field(metadata={"heading": heading, "show": show, "doc": doc, "optional": optional})
-
-
-def columns_of(kind: type[Any]) -> Any:
-    """Declare a field of a row whose value is a dataclass that declares columns."""
-    return field(metadata={"columns": kind})
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +71,7 @@ class Table:
     columns: tuple[str, ...]
     rows: Sequence[tuple[str, ...]]
     left: int = 1  # number of left-aligned columns
-    records: tuple[Any, ...] = ()  # the rows for JSON
+    records: tuple[Any, ...] = ()  # the rows for JSON: dataclasses, or values by name
     legend: tuple[tuple[str, str], ...] = ()  # headings that need an explanation, and the explanations
 
     def markdown(self) -> str:
@@ -66,33 +80,28 @@ class Table:
         return "\n".join("| " + " | ".join(cell.replace("|", "/") for cell in of) + " |" for of in lines)
 
 
-def table_of(title: str, kind: type[Any], rows: Sequence[Any], left: int = 1) -> Table:
-    """Return a table of rows. kind: their dataclass; the fields declared with `column` are shown."""
-    shown = []
-    for value_of, of in _columns(kind):
-        values = [value_of(row) for row in rows]
-        if not of["optional"] or any(value is not None for value in values):
-            shown.append((of, [_cell(value, of["show"]) for value in values]))
-    headings = tuple(of["heading"] for of, _ in shown)
-    legend = tuple((of["heading"], of["doc"]) for of, _ in shown if of["doc"])
-    return Table(title, headings, list(zip(*(of for _, of in shown), strict=True)), left, tuple(rows), legend)
+def table_of(title: str, rows: Sequence[Any], left: int = 1) -> Table:
+    """Return a table. rows: at least one, dataclasses with fields declared by `column`, or lists of cells."""
+    shown = [
+        of
+        for of in zip(*map(_cells, rows), strict=True)
+        if of[0].heading is not None and (not of[0].optional or any(cell.value is not None for cell in of))
+    ]
+    headings = tuple(first.heading for first, *_ in shown)
+    records = tuple({of.name: of.value for of in row} if isinstance(row, list) else row for row in rows)
+    legend = tuple((first.heading, first.doc) for first, *_ in shown if first.doc)
+    return Table(
+        title, headings, list(zip(*(map(str, of) for of in shown), strict=True)), left, records, legend
+    )
 
 
-def _columns(kind: type[Any], path: str = "") -> Iterator[tuple[Callable[[Any], Any], Mapping[str, Any]]]:
-    """Yield for each column the function that gets its value from a row, and what `column` declared."""
-    for each in fields(kind):
-        if "columns" in each.metadata:
-            yield from _columns(each.metadata["columns"], f"{path}{each.name}.")
-        elif "heading" in each.metadata:
-            yield attrgetter(path + each.name), each.metadata
-
-
-def _cell(value: Any, show: str | Callable[[Any], str]) -> str:
-    if callable(show):
-        return show(value)
-    if isinstance(value, tuple):
-        return ", ".join(format(each, show) for each in value)
-    return NONE if value is None else format(value, show)
+def _cells(row: Any) -> Iterator[Cell]:
+    if not isinstance(row, list):
+        row = [
+            Cell(each.name, getattr(row, each.name), **each.metadata) for each in fields(row) if each.metadata
+        ]
+    for cell in row:
+        yield from [cell] if cell.heading or not is_dataclass(cell.value) else _cells(cell.value)
 
 
 def limit_table(limits: Sequence[Measured], whose: str) -> Table:
@@ -229,17 +238,21 @@ class Run:
 
 
 def as_json(study: Study[Any], options: Any, run: Run, report: Report, wall_s: float) -> dict[str, Any]:
-    def plain(option: Any) -> Any:
-        if isinstance(option, list):
-            return list(map(plain, option))
-        return str(option) if isinstance(option, Path) else option
+    def plain(value: Any) -> Any:
+        if isinstance(value, list):
+            return list(map(plain, value))
+        if isinstance(value, dict):
+            return {name: plain(each) for name, each in value.items()}
+        if is_dataclass(value) and not isinstance(value, type):
+            return asdict(value)
+        return str(value) if isinstance(value, Path) else value
 
-    tables = [{"title": of.title, "rows": [asdict(row) for row in of.records]} for of in report.tables]
+    tables = [{"title": of.title, "rows": [plain(row) for row in of.records]} for of in report.tables]
     return {
         "schema": SCHEMA,
         "benchmark": study.name,
         "simulated": study.simulated,
-        "options": {name: plain(value) for name, value in asdict(options).items()},
+        "options": plain(asdict(options)),
         **({"seed": run.seed} if "seed" in study.shared else {}),
         **({"out": str(run.folder)} if run.folder else {}),
         "machine": machine(),

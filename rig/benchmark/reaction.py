@@ -20,10 +20,10 @@ from protocols.grasps import find_grasp_file
 from protocols.observer import Phase, ReactionStep
 from protocols.reaction import ReactionKind
 from rig.bench.source import FreshBenches
-from rig.benchmark.harness import ALL, Report, Run, Study, Table, column, table_of
+from rig.benchmark.harness import ALL, Cell, Report, Run, Study, Table, table_of
 from rig.benchmark.measured import Measured, at_least, at_most, informative
 from rig.benchmark.wire.campaign import WireBench, served
-from rig.config import BenchConfig, load_bench
+from rig.config import load_bench
 from rig.declared import option
 from rig.experiments.lift_attempt import attempt_lift
 from rig.experiments.lift_plan import LiftTask, TrialSettings, all_tasks, require_reaction
@@ -62,7 +62,7 @@ class ReactionOptions:
 
 @dataclass(frozen=True, slots=True)
 class Reaction:
-    """One reaction."""
+    """One reaction in a lift."""
 
     latency_s: float | None  # from a true rotation of half a degree to the event's frame; None if it is less
     command_s: float | None  # from that frame to the command
@@ -84,10 +84,6 @@ class ReactedLift:
     late: bool  # whether the object turned by half a degree without an event
 
     @property
-    def counts_added(self) -> int:
-        return sum(reaction.counts_added for reaction in self.reactions)
-
-    @property
     def slips(self) -> bool:
         """Whether it fell, or turned by more than CAUGHT_DEG."""
         return self.outcome is LiftOutcome.FALLEN or abs(self.turn_deg or 0.0) > CAUGHT_DEG
@@ -101,23 +97,6 @@ class ReactedLift:
 
 
 Pair = tuple[ReactedLift, ReactedLift]  # one lift without and with a reaction
-
-
-@dataclass(frozen=True, slots=True)
-class ReactionRow:
-    """The lifts of one object, or all lifts."""
-
-    object_id: str = column("object")
-    lifts: int = column("lifts")
-    slipping: int = column("slip without")
-    caught: int = column("caught", doc="of the slipping ones")
-    cannot_hold: int = column("largest grip cannot hold", doc="slipping lifts that no allowed grip holds")
-    turn_without_deg: float | None = column("median end turn without", ".1f", "degrees")
-    turn_with_deg: float | None = column("with", ".1f", "degrees")
-    reactions: int = column("reactions")
-    counts_added: tuple[float, int] = column("counts added, middle, most", ".0f")
-    fallen: tuple[int, int] = column("fallen without, with", ".0f")
-    damaged: int = column("damaged", doc="with a reaction")
 
 
 def measure(options: ReactionOptions, run: Run) -> Report:
@@ -134,7 +113,9 @@ def measure(options: ReactionOptions, run: Run) -> Report:
       rig benchmark reaction --react stop --object wrench --lifts 3 --json
 
     """
-    bench = as_late_as_real(load_bench("fake"))
+    bench = load_bench("fake")
+    late = bench.gripper.model_copy(update={"period_s": GRIPPER_PERIOD_S})
+    bench = bench.model_copy(update={"gripper": late})
     slip = SlipSettings(options.alarms_per_hour, options.max_turn_deg)
     kind = ReactionKind(options.react)
     settings = TrialSettings(bench, run.seed, choose_estimator("slip"), react=kind, slip=slip)
@@ -144,7 +125,7 @@ def measure(options: ReactionOptions, run: Run) -> Report:
     pairs = run.each(partial(lift_both_ways, settings), tasks, attrgetter("name"))
     limits = judge_lifts(pairs)
     if options.wire_lifts:
-        limits += times_over_wire(settings, options.wire_lifts, run.progress)
+        limits += times_over_wire(settings, options.wire_lifts, run)
     return Report(
         tables=(reaction_table(kind, pairs),),
         limits=limits,
@@ -153,19 +134,10 @@ def measure(options: ReactionOptions, run: Run) -> Report:
     )
 
 
-def as_late_as_real(bench: BenchConfig) -> BenchConfig:
-    """Return a simulated bench with the delay of a real gripper, unless the bench sets a delay."""
-    if not bench.in_process or bench.gripper.period_s:
-        return bench
-    late = bench.gripper.model_copy(update={"period_s": GRIPPER_PERIOD_S})
-    return bench.model_copy(update={"gripper": late})
-
-
 def lift_both_ways(settings: TrialSettings, task: LiftTask) -> Pair:
     """Carry out one lift without a reaction and one with that of the settings. Runs in a worker process."""
     cv2.setNumThreads(1)
-    without = replace(settings, react=ReactionKind.NONE)
-    return _lift_once(without, task), _lift_once(settings, task)
+    return _lift_once(replace(settings, react=ReactionKind.NONE), task), _lift_once(settings, task)
 
 
 def _lift_once(settings: TrialSettings, task: LiftTask) -> ReactedLift:
@@ -205,13 +177,11 @@ def _reactions(row: Lift, slipped: Callable[[int, int], bool]) -> tuple[Reaction
     return tuple(reactions)
 
 
-def times_over_wire(
-    settings: TrialSettings, lifts: int, progress: Callable[[int, int, str], None] = lambda *_: None
-) -> list[Measured]:
+def times_over_wire(settings: TrialSettings, lifts: int, run: Run) -> list[Measured]:
     """Carry out SIMULATED lifts in real time that react as soon as a slip is detected; return their times."""
 
     def show(done: int, total: int, row: Lift) -> None:
-        progress(done, total, f"over the wire protocols, {row.object}/{row.lift}")
+        run.progress(done, total, f"over the wire protocols, {row.object}/{row.lift}")
 
     with tempfile.TemporaryDirectory() as folder, served(WireBench) as benches:
         session = Path(folder) / "session"
@@ -248,30 +218,34 @@ def reaction_table(kind: ReactionKind, pairs: Sequence[Pair]) -> Table:
         of = [pair for pair in pairs if name in (ALL, pair[0].object_id)]
         before, after = [pair[0] for pair in of], [pair[1] for pair in of]
         slipping = [reacted for without, reacted in of if without.slips]
-        added = [lift.counts_added for lift in after]
-        row = ReactionRow(
-            object_id=name,
-            lifts=len(of),
-            slipping=len(slipping),
-            caught=sum(lift.caught for lift in slipping),
-            cannot_hold=sum(not lift.would_hold for lift in slipping),
-            turn_without_deg=_median_turn(before),
-            turn_with_deg=_median_turn(after),
-            reactions=sum(len(lift.reactions) for lift in after),
-            counts_added=(float(np.median(added)), max(added)),
-            fallen=(_fallen(before), _fallen(after)),
-            damaged=sum(lift.damaged for lift in after),
-        )
+        cannot_hold = sum(not lift.would_hold for lift in slipping)
+        added = [sum(reaction.counts_added for reaction in lift.reactions) for lift in after]
+        counts_added, fallen = (float(np.median(added)), max(added)), (_fallen(before), _fallen(after))
+        hopeless = "slipping lifts that no allowed grip holds"
+        row = [
+            Cell("object_id", name, "object"),
+            Cell("lifts", len(of), "lifts"),
+            Cell("slipping", len(slipping), "slip without"),
+            Cell("caught", sum(lift.caught for lift in slipping), "caught", doc="of the slipping ones"),
+            Cell("cannot_hold", cannot_hold, "largest grip cannot hold", doc=hopeless),
+            Cell("turn_without_deg", _turn_deg(before), "median end turn without", ".1f", "degrees"),
+            Cell("turn_with_deg", _turn_deg(after), "with", ".1f", "degrees"),
+            Cell("reactions", sum(len(lift.reactions) for lift in after), "reactions"),
+            Cell("counts_added", counts_added, "counts added, middle, most", ".0f"),
+            Cell("fallen", fallen, "fallen without, with", ".0f"),
+            Cell("damaged", sum(lift.damaged for lift in after), "damaged", doc="with a reaction"),
+        ]
         rows.append(row)
-    title = f"SIMULATED reaction to slip '{kind}', the same lifts without and with; turns in degrees"
-    return table_of(title, ReactionRow, rows)
+    return table_of(
+        f"SIMULATED reaction to slip '{kind}', the same lifts without and with; turns in degrees", rows
+    )
 
 
 def _fallen(lifts: Sequence[ReactedLift]) -> int:
     return sum(lift.outcome is LiftOutcome.FALLEN for lift in lifts)
 
 
-def _median_turn(lifts: Sequence[ReactedLift]) -> float | None:
+def _turn_deg(lifts: Sequence[ReactedLift]) -> float | None:
     turns = [abs(lift.turn_deg) for lift in lifts if lift.turn_deg is not None]
     return float(np.median(turns)) if turns else None
 

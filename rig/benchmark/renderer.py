@@ -18,18 +18,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.clock import NS_PER_S
-from drivers.types import Frame, Image
-from rig.benchmark.estimators.scores import score_all
-from rig.benchmark.harness import ALL, Report, Run, Study, Table, column, table_of
+from drivers.types import Image
+from rig.benchmark.estimators.contenders import KnownLift, score_all
+from rig.benchmark.harness import ALL, Cell, Report, Run, Study, Table, table_of
 from rig.benchmark.measured import Measured, at_least, at_most, between
 from rig.declared import option
-from rig.frames.estimates import FRAME_MS, contact_ms, estimate_together, frame_ms
-from rig.lift.object_angle import object_angle
-from rig.results.scores import SeriesScore, score_angles
-from rig.tactile.angles import FUSED, Angles
+from rig.frames.estimates import FRAME_MS, contact_ms, frame_ms
+from rig.frames.of_session import SessionSeries
+from rig.frames.series import FrameSeries, TimedFrame
+from rig.frames.times import FrameTime
+from rig.results.scores import SeriesScore
+from rig.tactile.angles import Angles
 from rig.tactile.contact.background import mean_background
 from rig.tactile.estimators import EstimatorChoice, choose_estimator
-from rig.tactile.sample import EstimatorFaults, SlipSample, faults_of, together
+from rig.tactile.sample import EstimatorFaults, faults_of, together
 
 Plane = NDArray[np.float32]
 Random = np.random.Generator
@@ -153,7 +155,9 @@ class GelCamera:
         self._lamps = _lamps(rng)
         self._mix = np.eye(3) * rng.uniform(0.8, 1.2, 3) + rng.uniform(0.02, 0.18, (3, 3))
         self._glow = rng.uniform(0.1, 0.4)
-        self._patchy = _patches((rows, columns), rng)
+        patches = rng.normal(0.0, 0.12, (5, 4, 3)).astype(np.float32)
+        wide = cv2.resize(patches, (columns, rows), interpolation=cv2.INTER_CUBIC)
+        self._patchy = np.exp(wide).astype(np.float64)
         self._specks = _specks(rng)
         self._gain = float(rng.uniform(95.0, 150.0))
         self._read_noise, self._shot = float(rng.uniform(0.6, 1.6)), float(rng.uniform(0.02, 0.08))
@@ -264,11 +268,6 @@ def _lamps(rng: Random) -> list[list[tuple[float, float, float]]]:
     return rows
 
 
-def _patches(shape: tuple[int, int], rng: Random) -> NDArray[np.float64]:
-    coarse = rng.normal(0.0, 0.12, (5, 4, 3)).astype(np.float32)
-    return np.exp(cv2.resize(coarse, shape[::-1], interpolation=cv2.INTER_CUBIC)).astype(np.float64)
-
-
 def _specks(rng: Random) -> NDArray[np.float64]:
     """Return the fraction of light absorbed by specks and a scratch, (H, W), 0 to 1."""
     dark = np.zeros((SIZE_PX[1], SIZE_PX[0]), np.float32)
@@ -297,11 +296,13 @@ class Course:
     shift_mm: NDArray[np.float64]  # (N, 2) position of the face's middle, right and up
     depth_mm: NDArray[np.float64]  # (N,) depth of the face in the gel
 
-    def time_ns(self, frame: int) -> int:
-        return round((1.0 + frame / RATE_HZ) * NS_PER_S)
+    @property
+    def time_ns(self) -> NDArray[np.int64]:
+        return np.rint((1.0 + np.arange(len(self.turn_deg)) / RATE_HZ) * NS_PER_S).astype(np.int64)
 
 
 LIFT_NS = round((1.0 + REST_S) * NS_PER_S)  # start of the lift: the zero of the angles is the mean before it
+HOLD_NS = LIFT_NS + round(TURN_S * NS_PER_S)
 
 
 def draw_course(seed: int) -> Course:
@@ -317,21 +318,35 @@ def draw_course(seed: int) -> Course:
     return Course(turn_deg, start + moved * share[:, None], depth_mm)
 
 
-def frames(seed: int, tip: int) -> Iterator[Frame]:
+def frames(seed: int, tip: int) -> Iterator[TimedFrame]:
     """Yield a fingertip's frames: first `BACKGROUND_FRAMES` of the empty gel, at time 0, then the lift's."""
     course, camera = draw_course(seed), GelCamera(10 * seed + tip)
     face = draw_face(kind_of(seed), seed, tip)
     rng = np.random.default_rng((seed, 4, tip))
     placed_rad = float(np.random.default_rng((seed, 5)).uniform(-math.pi, math.pi))
-    for number in range(BACKGROUND_FRAMES):
-        yield Frame(camera.picture(None, 0.0, (0.0, 0.0), 0.0, rng), 0, number, str(tip))
-    for number, (turn, shift, depth) in enumerate(
-        zip(course.turn_deg, course.shift_mm, course.depth_mm, strict=True)
-    ):
+    for _ in range(BACKGROUND_FRAMES):
+        empty = camera.picture(None, 0.0, (0.0, 0.0), 0.0, rng)
+        yield TimedFrame("background", FrameTime("0", 0), empty)
+    drawn = zip(course.time_ns.tolist(), course.turn_deg, course.shift_mm, course.depth_mm, strict=True)
+    for time_ns, turn, shift, depth in drawn:
         angle = SIGNS[tip] * (placed_rad + math.radians(turn))
         middle = (SIGNS[tip] * float(shift[0]), float(shift[1]))
         image = camera.picture(face, angle, middle, float(depth), rng)
-        yield Frame(image, course.time_ns(number), BACKGROUND_FRAMES + number, str(tip))
+        yield TimedFrame(f"frame at {time_ns}", FrameTime(str(time_ns / NS_PER_S), time_ns), image)
+
+
+def drawn_lift(seed: int) -> KnownLift:
+    course, name = draw_course(seed), f"{kind_of(seed)}/{seed}"
+
+    def tip(number: int) -> SessionSeries:
+        empty = [of.image for of in islice(frames(seed, number), BACKGROUND_FRAMES) if of.image is not None]
+        series = FrameSeries(name, lambda: islice(frames(seed, number), BACKGROUND_FRAMES, None))
+        return SessionSeries(name, str(number), SIGNS[number], 1.0, mean_background(empty), series)
+
+    tips = {str(number): tip(number) for number in range(len(SIGNS))}
+    turn_deg = course.turn_deg - course.turn_deg[0]
+    truth = Angles(course.time_ns / NS_PER_S, turn_deg, np.zeros_like(turn_deg))
+    return KnownLift(name, tips, truth, LIFT_NS, HOLD_NS, int(course.time_ns[-1]) + 1)
 
 
 def _stick_slip(since_s: NDArray[np.float64], rng: Random) -> NDArray[np.float64]:
@@ -348,8 +363,6 @@ def _stick_slip(since_s: NDArray[np.float64], rng: Random) -> NDArray[np.float64
 
 MOST_MARE_DEG, MOST_WORST_DEG, LEAST_ANSWERED = 0.5, 3.0, 0.95
 LEAST_WITHIN, MOST_WITHIN = 0.90, 0.98
-TIPS = {str(tip): sign for tip, sign in enumerate(SIGNS)}  # the fingertips' signs by name
-HOLD_NS = LIFT_NS + round(TURN_S * NS_PER_S)
 LIFTS_PER_SEED = 1000  # seed n draws the lifts from 1000 n on
 
 
@@ -374,21 +387,6 @@ class DrawnLift:
     faults: EstimatorFaults | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class FaceRow:
-    """The lifts of one estimator with one kind of face, or with all: a row of the table."""
-
-    estimator: str = column("estimator")
-    face: str = column("face")
-    lifts: int = column("lifts")
-    mare_deg: float | None = column("MARE", ".2f", "degrees")
-    worst_deg: float | None = column("worst lift", ".2f", "largest mean error of a lift, degrees")
-    answered: float = column("answered", ".0%", "share of the frames with an angle")
-    within_two_sigma: float | None = column("within 2 sigma", ".0%", "share of the answers")
-    confidently_wrong: int | None = column("confidently wrong", doc="lifts with such an answer")
-    ms: tuple[float, float, float] | None = column(FRAME_MS, ".1f")
-
-
 def measure(options: RendererOptions, run: Run) -> Report:
     """Score estimators on SIMULATED lifts of a second renderer, independent of the bench's.
 
@@ -405,7 +403,7 @@ def measure(options: RendererOptions, run: Run) -> Report:
     choices = [choose_estimator(name) for name in options.estimator or ["slip"]]
     first = LIFTS_PER_SEED * run.seed
     numbers = range(first, first + options.lifts)
-    drawn = run.each(partial(answer_lift, choices), numbers, lambda lift: f"{kind_of(lift)}/{lift}")
+    drawn = run.each(partial(answer_lift, choices), numbers, lambda number: f"{kind_of(number)}/{number}")
     by_name = {choice.name: [lift[choice.name] for lift in drawn] for choice in choices}
     failed = {name: [lift.faults for lift in lifts if lift.faults] for name, lifts in by_name.items()}
     return Report(
@@ -416,25 +414,16 @@ def measure(options: RendererOptions, run: Run) -> Report:
     )
 
 
-def answer_lift(choices: Sequence[EstimatorChoice], lift: int) -> dict[str, DrawnLift]:
+def answer_lift(choices: Sequence[EstimatorChoice], number: int) -> dict[str, DrawnLift]:
     cv2.setNumThreads(1)
-    samples: dict[str, dict[str, list[SlipSample]]] = {choice.name: {} for choice in choices}
-    spent_ms: dict[str, list[float]] = {choice.name: [] for choice in choices}
-    for tip, sign in TIPS.items():
-        drawn = frames(lift, int(tip))
-        background = mean_background([frame.image for frame in islice(drawn, BACKGROUND_FRAMES)])
-        estimators = {choice.name: choice.make(background, 1.0, sign) for choice in choices}
-        for name, timed in estimate_together(estimators, drawn).items():
-            samples[name][tip] = timed
-            spent_ms[name] += contact_ms(timed)
-    course, kind, found = draw_course(lift), kind_of(lift), {}
-    times = np.array([course.time_ns(i) for i in range(len(course.turn_deg))])
-    for name, of_tips in samples.items():
-        fused = Angles.of(object_angle(TIPS, of_tips, LIFT_NS).fused, FUSED)
-        truth = np.interp(fused.time_ns, times, course.turn_deg) - course.turn_deg[0]
-        score = score_angles(f"{kind}/{lift}", fused, truth, HOLD_NS)
-        faults = faults_of(sample for tip in of_tips.values() for sample in tip)
-        found[name] = DrawnLift(kind, score, tuple(spent_ms[name]), faults)
+    lift, found = drawn_lift(number), {}
+    passes = lift.passes(
+        lambda tip: {of.name: of.make(tip.background, tip.aspect, tip.sign) for of in choices}
+    )
+    for name, of_tips in passes.items():
+        samples = [sample for tip in of_tips.values() for sample in tip]
+        ms = tuple(contact_ms(samples))
+        found[name] = DrawnLift(kind_of(number), lift.score(of_tips), ms, faults_of(samples))
     return found
 
 
@@ -443,20 +432,22 @@ def face_table(by_estimator: Mapping[str, Sequence[DrawnLift]]) -> Table:
     for name, lifts in by_estimator.items():
         for face in (ALL, *KIND_NAMES):
             if of := [lift for lift in lifts if face in (ALL, lift.kind)]:
-                score = score_all([lift.score for lift in of])
-                row = FaceRow(
-                    estimator=name if face == ALL else "",
-                    face=face,
-                    lifts=len(of),
-                    mare_deg=score.mare_deg,
-                    worst_deg=score.worst_deg,
-                    answered=score.answered,
-                    within_two_sigma=score.within_two_sigma,
-                    confidently_wrong=score.wrong_if_sigma,
-                    ms=frame_ms([value for lift in of for value in lift.ms]),
-                )
+                score, wrong = score_all([lift.score for lift in of]), "lifts with such an answer"
+                worst, sure = "largest mean error of a lift, degrees", score.within_two_sigma
+                ms = frame_ms([ms for lift in of for ms in lift.ms])
+                row = [
+                    Cell("estimator", name if face == ALL else "", "estimator"),
+                    Cell("face", face, "face"),
+                    Cell("lifts", len(of), "lifts"),
+                    Cell("mare_deg", score.mare_deg, "MARE", ".2f", "degrees"),
+                    Cell("worst_deg", score.worst_deg, "worst lift", ".2f", worst),
+                    Cell("answered", score.answered, "answered", ".0%", "share of the frames with an angle"),
+                    Cell("within_two_sigma", sure, "within 2 sigma", ".0%", "share of the answers"),
+                    Cell("confidently_wrong", score.wrong_if_sigma, "confidently wrong", "", wrong),
+                    Cell("ms", ms, FRAME_MS, ".1f"),
+                ]
                 rows.append(row)
-    return table_of("SIMULATED by the second renderer: rotational error in degrees", FaceRow, rows, left=2)
+    return table_of("SIMULATED by the second renderer: rotational error in degrees", rows, left=2)
 
 
 def judge_lifts(lifts: Sequence[DrawnLift]) -> tuple[Measured, ...]:
@@ -470,4 +461,4 @@ def judge_lifts(lifts: Sequence[DrawnLift]) -> tuple[Measured, ...]:
     )
 
 
-STUDY = Study(name="renderer", options=RendererOptions, measure=measure, cases="lifts")
+STUDY = Study("renderer", RendererOptions, measure, "lifts")

@@ -5,12 +5,13 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
+from itertools import product
 from pathlib import Path
 
 from drivers.errors import InputError, RigError
 from protocols.observer import Phase
-from rig.benchmark.estimators.scores import score_all
-from rig.benchmark.harness import ALL, Report, Run, Study, Table, column, table_of
+from rig.benchmark.estimators.contenders import score_all
+from rig.benchmark.harness import ALL, Cell, Report, Run, Study, Table, table_of
 from rig.benchmark.measured import Measured, at_least, at_most
 from rig.config import BenchConfig
 from rig.config.calibrations import load_calibrated_bench
@@ -20,7 +21,7 @@ from rig.experiments.lift_attempt import attempt_lift
 from rig.experiments.lift_plan import LiftTask, TrialSettings
 from rig.experiments.trial import resolve_objects
 from rig.lift.recording import recorded_truth
-from rig.results.metrics import HEADING, Mare, mare_text
+from rig.results.metrics import HEADING, mare_text
 from rig.results.scores import SeriesScore, score_angles
 from rig.sessions.reading import phase_times, recorded_angles
 from rig.sessions.records import Lift
@@ -69,21 +70,6 @@ class SeedLift:
     turned_deg: float
 
 
-@dataclass(frozen=True, slots=True)
-class SeedRow:
-    """The lifts of one seed, or of all: a row of the table."""
-
-    seed: str = column("seed")
-    lifts: int = column("lifts")
-    turned: int = column("turned", doc="lifts whose object turned by more than 5 degrees")
-    mare_b: Mare | None = column("MARE, B", mare_text, "degrees, over phase B")
-    mare: Mare | None = column("MARE, B and C", mare_text, "degrees, over phases B and C")
-    worst: str = column("worst lift", doc="largest mean error of a lift in degrees, and the lift")
-    answered: float = column("answered", ".1%", "share of the frames with an angle")
-    within_two_sigma: float | None = column("within 2 sigma", ".0%", "share of the answers")
-    confidently_wrong: int = column("confidently wrong", doc="lifts with such an answer")
-
-
 def measure(options: SeedsOptions, run: Run) -> Report:
     """Carry out SIMULATED trials of several seeds; print errors and confidently wrong angles.
 
@@ -113,12 +99,7 @@ def measure(options: SeedsOptions, run: Run) -> Report:
 
 
 def lift_cases(bench: str, seeds: Sequence[int], objects: Sequence[str], lifts: int) -> list[LiftCase]:
-    return [
-        LiftCase(bench, seed, of, number)
-        for seed in seeds
-        for of in objects
-        for number in range(1, lifts + 1)
-    ]
+    return [LiftCase(bench, *of) for of in product(seeds, objects, range(1, lifts + 1))]
 
 
 def carry_out(bench: BenchConfig, case: LiftCase) -> SeedLift:
@@ -160,23 +141,25 @@ def scored_lift(recording: Path, seed: int, row: Lift) -> SeedLift:
 def seeds_table(bench: str, lifts: Sequence[SeedLift]) -> Table:
     seeds = dict.fromkeys(lift.seed for lift in lifts)
     by_seed = {str(seed): [lift for lift in lifts if lift.seed == seed] for seed in seeds}
-    title = f"SIMULATED on bench '{bench}': rotational error in degrees, {HEADING}"
     rows = []
     for name, of in {ALL: lifts, **(by_seed if len(seeds) > 1 else {})}.items():
         score = score_all([lift.score for lift in of])
-        row = SeedRow(
-            seed=name,
-            lifts=len(of),
-            turned=sum(abs(lift.turned_deg) > TURNED_DEG for lift in of),
-            mare_b=score.mare_b,
-            mare=score.mare,
-            worst=score.worst_text,
-            answered=score.answered,
-            within_two_sigma=score.within_two_sigma,
-            confidently_wrong=score.wrong_lifts,
-        )
+        turned, two_sigma = sum(abs(lift.turned_deg) > TURNED_DEG for lift in of), score.within_two_sigma
+        turned_doc = "lifts whose object turned by more than 5 degrees"
+        worst, wrong = "largest mean error of a lift in degrees, and the lift", "lifts with such an answer"
+        row = [
+            Cell("seed", name, "seed"),
+            Cell("lifts", len(of), "lifts"),
+            Cell("turned", turned, "turned", doc=turned_doc),
+            Cell("mare_b", score.mare_b, "MARE, B", mare_text, "degrees, over phase B"),
+            Cell("mare", score.mare, "MARE, B and C", mare_text, "degrees, over phases B and C"),
+            Cell("worst", score.worst_text, "worst lift", doc=worst),
+            Cell("answered", score.answered, "answered", ".1%", "share of the frames with an angle"),
+            Cell("within_two_sigma", two_sigma, "within 2 sigma", ".0%", "share of the answers"),
+            Cell("confidently_wrong", score.wrong_lifts, "confidently wrong", doc=wrong),
+        ]
         rows.append(row)
-    return table_of(title, SeedRow, rows)
+    return table_of(f"SIMULATED on bench '{bench}': rotational error in degrees, {HEADING}", rows)
 
 
 def judge_lifts(difficulty: str, lifts: Sequence[SeedLift]) -> tuple[Measured, ...]:
@@ -189,12 +172,9 @@ def judge_lifts(difficulty: str, lifts: Sequence[SeedLift]) -> tuple[Measured, .
     )
 
 
-STUDY = Study(
-    name="seeds",
-    options=SeedsOptions,
-    measure=measure,
-    cases="lifts",
-    shared=("out", "resume", "readme", "jobs", "seed"),
-    section=lambda options: f"seeds {load_calibrated_bench(options.bench, lambda _: None).name}",
-    keeps_results=True,
-)
+def section(options: SeedsOptions) -> str:
+    return f"seeds {load_calibrated_bench(options.bench, lambda _: None).name}"
+
+
+SHARED = ("out", "resume", "readme", "jobs", "seed")
+STUDY = Study("seeds", SeedsOptions, measure, "lifts", SHARED, section, keeps_results=True)

@@ -180,8 +180,8 @@ def measure(options: SegmentationOptions, run: Run) -> Report:
     return Report(
         tables=(
             table_two(),
-            table_of("Contacts found, shipped networks", MethodScore, scores, left=2),
-            table_of(title, MethodTime, times),
+            table_of("Contacts found, shipped networks", scores, left=2),
+            table_of(title, times),
         ),
         limits=(*_limits(scores, times), _threads_agree(models[OURS], sets[RANDOMISED])),
         limits_of="the shipped networks",
@@ -205,7 +205,7 @@ def table_two() -> Table:
             rows.append(TrainedRow(*key, None, None, None, None, *paper))
     title = "Table II: test objects of each fold, SIMULATED, units of one make; the paper's are real. "
     title += "ms: frame in to mask out, in the training's run"
-    return table_of(title, TrainedRow, rows, left=2)
+    return table_of(title, rows, left=2)
 
 
 def read_panels(data: Path) -> Panels | None:

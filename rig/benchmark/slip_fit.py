@@ -6,37 +6,35 @@ The images are stored once and read as memory maps, because the estimator runs o
 import math
 import tempfile
 import time
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from functools import partial
-from itertools import islice
+from itertools import islice, product
 from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
 
+from drivers.clock import NS_PER_S
 from drivers.errors import InputError, unknown_name
-from drivers.types import Image
-from protocols.observer import Phase
 from rig.benchmark.clips.labelled import ClipVersion, LabelledClip, clip_version, read_clips
-from rig.benchmark.harness import Report, Run, Study, column, table_of
-from rig.benchmark.renderer import BACKGROUND_FRAMES, LIFT_NS, SIGNS, draw_course, frames
+from rig.benchmark.estimators.contenders import KnownLift, open_lift
+from rig.benchmark.harness import Cell, Report, Run, Study, table_of
+from rig.benchmark.renderer import drawn_lift
 from rig.benchmark.seeds import LiftCase, lift_cases, recorded_lift
 from rig.config import BenchConfig
 from rig.config.calibrations import load_calibrated_bench
 from rig.declared import argument, option
 from rig.experiments.process_pool import run_tasks
 from rig.experiments.trial import resolve_objects
-from rig.frames.of_session import recording_frames
+from rig.frames.of_session import SessionSeries
 from rig.lift.object_angle import TipTrack, object_angle
-from rig.lift.recording import recorded_truth
 from rig.sessions.codec import Codec, json_line
 from rig.sessions.files import append_line, drop_torn_line, write_json
-from rig.sessions.reading import phase_times
 from rig.sessions.rows import read_rows
-from rig.tactile.contact.background import mean_background
+from rig.tactile.angles import Angles
 from rig.tactile.sample import SlipSample
 from rig.tactile.slip.estimator import SlipEstimator
 from rig.tactile.slip.parameters import Values, shipped, use
@@ -65,8 +63,8 @@ FIRST_SEED, FIRST_LIFT = 900, 900
 """Seed of the lifts on the benches, and first lift of the second renderer. Benchmarks use lower numbers."""
 
 Arrays = Mapping[str, Any]
-"""A fingertip: sign, aspect (NaN if unknown), background, images (N, H, W, 3) uint8, and their times_ns (N,).
-The truth: zero_ns, the begin of the lift or the reference, end_ns, times_ns, angles_deg, sigmas_deg (M,)."""
+"""The truth of a case: zero_ns, the begin of the lift or the reference, end_ns, times_ns, angles_deg,
+sigmas_deg (M,)."""
 Known = tuple[float | None, float | None, float, float]  # angle and sigma, true angle and its sigma, degrees
 
 
@@ -126,28 +124,6 @@ class Tried:
     adopted: bool
 
 
-@dataclass(frozen=True, slots=True)
-class DataRow:
-    """Mean negative log likelihood of one kind of cases."""
-
-    data: str = column("data")
-    cases: int = column("cases")
-    before: float = column("before", ".3f", "mean negative log likelihood")
-    fitted: float = column("fitted", ".3f", "the same with the fitted parameters")
-
-
-@dataclass(frozen=True, slots=True)
-class ParameterRow:
-    """A parameter that was tried."""
-
-    parameter: str = column("parameter")
-    before: float = column("before", ".4g")
-    fitted: float = column("fitted", ".4g")
-    smaller: float | None = column("gain if smaller", "+.4f", "of mean log likelihood, by the first step")
-    larger: float | None = column("gain if larger", "+.4f")
-    error: float | None = column("standard error", ".4f")
-
-
 def measure(options: FitOptions, run: Run) -> Report:
     """Fit the parameters of slip by maximum likelihood, to clips and SIMULATED lifts with known angles.
 
@@ -183,18 +159,24 @@ def measure(options: FitOptions, run: Run) -> Report:
             search.improve(name, place)
             run.progress(place + 1, len(left), name)
         search.close()
-    data = [
-        DataRow(kind.value, len(of), search.mean(search.before, of), search.mean(search.penalties, of))
-        for kind in Kind
-        if (of := [case for case in cases if case.kind is kind])
-    ]
-    rows = [row for name in chosen if (row := _row(name, search)) is not None]
+    data = []
+    for kind in Kind:
+        if of := [case.folder for case in cases if case.kind is kind]:
+            before, fitted = (
+                float(np.mean([by[each] for each in of])) for by in (search.before, search.penalties)
+            )
+            row = [
+                Cell("data", kind.value, "data"),
+                Cell("cases", len(of), "cases"),
+                Cell("before", before, "before", ".3f", "mean negative log likelihood"),
+                Cell("fitted", fitted, "fitted", ".3f", "the same with the fitted parameters"),
+            ]
+            data.append(row)
+    tables = [table_of("Likelihood of the true angles", data)]
+    if rows := [row for name in chosen if (row := _row(name, search))]:
+        tables.append(table_of("Parameters of slip, in rad, s and work pixels", rows))
     if options.save is not None:
-        write_json(options.save, _card(search, options, data, rows))
-    tables = (
-        table_of("Likelihood of the true angles", DataRow, data),
-        table_of("Parameters of slip, in rad, s and work pixels", ParameterRow, rows),
-    )
+        write_json(options.save, _card(search, options, *(table.records for table in tables)))
     return Report(tables, figures={"parameters": search.values})
 
 
@@ -215,8 +197,11 @@ def _stored_cases(options: FitOptions, run: Run, folder: Path) -> list[Case]:
     if options.group is not None and options.group not in names:
         raise InputError(unknown_name("group", options.group, names))
     of_group = [clip for clip in clips if options.group in (None, clip.group)]
-    versions = [(clip_version(clip, version), clip.name) for version in ClipVersion for clip in of_group]
-    cases = [store_clip(folder / clip.name, clip, unit) for clip, unit in versions]
+    cases = []
+    for version, plain in product(ClipVersion, of_group):
+        clip = clip_version(plain, version)
+        case = Case(Kind.CLIP, plain.name, folder / clip.name)
+        cases.append(case if case.stored else store(case, clip_lift(clip)))
     numbers = range(FIRST_LIFT, FIRST_LIFT + LIFTS_OF_RENDERER * options.lifts)
     cases += run.each(partial(store_rendered, folder), numbers, "renderer {}".format)
     for name, count in (("fake", (options.lifts + 1) // 2), ("hard", options.lifts)):
@@ -226,87 +211,58 @@ def _stored_cases(options: FitOptions, run: Run, folder: Path) -> list[Case]:
     return cases
 
 
-def store_clip(folder: Path, clip: LabelledClip, unit: str) -> Case:
-    """Store a clip with its labels, unless it is stored. unit: name of the clip that this is a version of."""
-
-    def read() -> tuple[list[Arrays], Arrays]:
-        read = list(clip.series.read())
-        times = np.array([frame.time.time_ns for frame in read], np.int64)
-        angles = np.array([label.angle_deg for label in clip.labels])
-        sigmas = np.array([label.sigma_deg for label in clip.labels])
-        at_labels = times[[label.frame for label in clip.labels]]
-        truth = _truth(int(times[clip.reference_frame]), int(times[-1]), at_labels, angles, sigmas)
-        return [_tip(1, None, clip.background, ((of.time.time_ns, of.image) for of in read))], truth
-
-    return _stored(Case(Kind.CLIP, unit, folder), read)
+def clip_lift(clip: LabelledClip) -> KnownLift:
+    """Return a clip as a lift: its true angles are the labels, and its lift begins at the reference."""
+    times_ns = np.array([frame.time.time_ns for frame in clip.series.read()], np.int64)
+    labels = np.array([(label.frame, label.angle_deg, label.sigma_deg) for label in clip.labels])
+    start_ns, end_ns = int(times_ns[clip.reference_frame]), int(times_ns[-1])
+    since_s = (times_ns[labels[:, 0].astype(int)] - start_ns) / NS_PER_S
+    truth = Angles(since_s, labels[:, 1], labels[:, 2], zero_ns=start_ns)
+    tip = SessionSeries(clip.name, "", 1, None, clip.background, clip.series)
+    return KnownLift(clip.name, {"": tip}, truth, start_ns, end_ns, end_ns)
 
 
-def store_rendered(folder: Path, lift: int) -> Case:
-    """Draw a lift of the second renderer and store it below a folder, unless it is stored."""
-
-    def read() -> tuple[list[Arrays], Arrays]:
-        course, tips = draw_course(lift), []
-        for tip, sign in enumerate(SIGNS):
-            drawn = list(frames(lift, tip))
-            background = mean_background([frame.image for frame in islice(drawn, BACKGROUND_FRAMES)])
-            shown = ((frame.time_ns, frame.image) for frame in drawn[BACKGROUND_FRAMES:])
-            tips.append(_tip(sign, 1.0, background, shown))
-        times = np.array([course.time_ns(number) for number in range(len(course.turn_deg))], np.int64)
-        return tips, _truth(LIFT_NS, int(times[-1]), times, course.turn_deg, np.zeros(len(times)))
-
-    name = f"renderer {lift}"
-    return _stored(Case(Kind.RENDERER, name, folder / name), read)
+def store_rendered(folder: Path, number: int) -> Case:
+    case = Case(Kind.RENDERER, f"renderer {number}", folder / f"renderer {number}")
+    if not case.stored:
+        lift = drawn_lift(number)
+        store(case, replace(lift, end_ns=lift.end_ns - 1))  # without the last frame
+    return case
 
 
 def store_lift(folder: Path, bench: BenchConfig, lift: LiftCase) -> Case:
     """Carry out a lift on a simulated bench and store it below a folder, unless it is stored."""
-
-    def read() -> tuple[list[Arrays], Arrays]:
-        with recorded_lift(bench, lift) as (recording, _):
-            phases, series = phase_times(recording), recorded_truth(recording)
-            tips = [
-                _tip(t.sign, t.aspect, t.background, ((f.time.time_ns, f.image) for f in t.frames.read()))
-                for t in recording_frames(recording)
-            ]
-        span = phases[Phase.LIFT], phases[Phase.LOWER]
-        return tips, _truth(*span, series.time_ns, series.angle_deg, series.sigma_deg)
-
     name = str(lift).replace("/", " ")
-    return _stored(Case(Kind.HARD if bench.difficulty == "hard" else Kind.EASY, name, folder / name), read)
-
-
-def _truth(zero_ns: int, end_ns: int, times_ns: Any, angles_deg: Any, sigmas_deg: Any) -> Arrays:
-    span = {"zero_ns": zero_ns, "end_ns": end_ns}
-    return {**span, "times_ns": times_ns, "angles_deg": angles_deg, "sigmas_deg": sigmas_deg}
-
-
-def _tip(
-    sign: int, aspect: float | None, background: Image, frames: Iterable[tuple[int, Image | None]]
-) -> Arrays:
-    shown = [(time_ns, image) for time_ns, image in frames if image is not None]
-    times_ns = np.array([time_ns for time_ns, _ in shown], np.int64)
-    images = np.stack([image for _, image in shown])
-    sensor = {"sign": sign, "aspect": math.nan if aspect is None else aspect, "background": background}
-    return {**sensor, "times_ns": times_ns, "images": images}
-
-
-def _stored(case: Case, read: Callable[[], tuple[list[Arrays], Arrays]]) -> Case:
+    case = Case(Kind.HARD if bench.difficulty == "hard" else Kind.EASY, name, folder / name)
     if not case.stored:
-        tips, truth = read()
-        case.folder.mkdir(parents=True, exist_ok=True)
-        for number, tip in enumerate(tips):
-            np.save(case.folder / f"images_{number}.npy", tip["images"])
-            np.savez(case.folder / f"tip_{number}.npz", **{k: v for k, v in tip.items() if k != "images"})
-        np.savez(case.folder / TRUTH, **truth)
+        with recorded_lift(bench, lift) as (recording, _):
+            store(case, open_lift(recording, name))
     return case
 
 
-def penalty(values: Values, case: Case) -> float:
+def store(case: Case, lift: KnownLift) -> Case:
+    """Store the frames of a lift or clip, and its true angles."""
+    case.folder.mkdir(parents=True, exist_ok=True)
+    for number, tip in enumerate(lift.tips.values()):
+        shown = [(of.time.time_ns, of.image) for of in tip.frames.read() if of.image is not None]
+        np.save(case.folder / f"images_{number}.npy", np.stack([image for _, image in shown]))
+        times_ns = np.array([time_ns for time_ns, _ in shown], np.int64)
+        sensor: dict[str, Any] = {"sign": tip.sign, "background": tip.background, "times_ns": times_ns}
+        aspect = math.nan if tip.aspect is None else tip.aspect
+        np.savez(case.folder / f"tip_{number}.npz", aspect=np.array(aspect), **sensor)
+    truth: dict[str, Any] = {"zero_ns": lift.lift_ns, "end_ns": lift.end_ns, "times_ns": lift.truth.time_ns}
+    truth |= {"angles_deg": lift.truth.angle_deg, "sigmas_deg": lift.truth.sigma_deg}
+    np.savez(case.folder / TRUTH, **truth)
+    return case
+
+
+def penalty(task: tuple[Values, Case]) -> float:
     """Return the mean negative log likelihood of the true angles of a case, given the reported ones.
 
-    Runs in a worker process, and leaves `values` in use there.
+    Runs in a worker process, and leaves the values in use there.
     """
     cv2.setNumThreads(1)
+    values, case = task
     use(values)
     truth = dict(np.load(case.folder / TRUTH))
     signs, samples = [], []
@@ -373,17 +329,12 @@ def gain_of(
             if case.kind is kind:
                 units.setdefault(case.unit, []).append(before[case.folder] - after[case.folder])
         means = np.array([np.mean(of) for of in units.values()])
-        weight = _weight(kind, kinds)
+        weight = 1.0 / len(kinds)
+        if Kind.CLIP in kinds and len(kinds) > 1:  # clips count as much as all simulated lifts
+            weight = 0.5 if kind is Kind.CLIP else 0.5 / (len(kinds) - 1)
         gain += weight * float(means.mean())
         square += weight**2 * float(means.var(ddof=1)) / len(means) if len(means) > 1 else 0.0
     return gain, math.sqrt(square)
-
-
-def _weight(kind: Kind, kinds: Collection[Kind]) -> float:
-    """Return the weight of a kind among the given ones: clips count as much as all simulated lifts."""
-    if Kind.CLIP not in kinds or len(kinds) == 1:
-        return 1.0 / len(kinds)
-    return 0.5 if kind is Kind.CLIP else 0.5 / (len(kinds) - 1)
 
 
 def stepped(value: float, name: str, factor: float) -> float:
@@ -397,10 +348,6 @@ def stepped(value: float, name: str, factor: float) -> float:
     return factor * value
 
 
-def _penalty(task: tuple[Values, Case]) -> float:
-    return penalty(*task)
-
-
 class _Search:
     """Changes one parameter after the other, and keeps the changes that increase the likelihood."""
 
@@ -408,7 +355,7 @@ class _Search:
         self._cases, self._run, self.tried = cases, run, tried
         self._tasks: list[tuple[Values, Case]] = []
         # The workers stay until all tasks are done, and more tasks are added before that.
-        self._done = run_tasks(_penalty, self._tasks, run.workers)
+        self._done = run_tasks(penalty, self._tasks, run.workers)
         self.values = shipped()
         self.before = self.penalties = self._scored(self.values, cases)
         for one in tried:
@@ -429,10 +376,6 @@ class _Search:
     def close(self) -> None:
         for _ in self._done:
             pass
-
-    @staticmethod
-    def mean(penalties: dict[Path, float], cases: Sequence[Case]) -> float:
-        return float(np.mean([penalties[case.folder] for case in cases]))
 
     def _scored(self, values: Values, cases: Sequence[Case]) -> dict[Path, float]:
         self._tasks += [(values, case) for case in cases]
@@ -469,30 +412,38 @@ def _changed(values: Values, name: str, value: float) -> Values:
     return values | {group: values[group] | {short: value}}
 
 
-def _row(name: str, search: _Search) -> ParameterRow | None:
+def _row(name: str, search: _Search) -> list[Cell]:
+    """Return the row of a parameter, [] if it was not tried."""
     steps = [one for one in search.tried if one.parameter == name]
     if not steps:
-        return None
+        return []
     group, _, short = name.partition(".")
-    first = steps[0].before
+    first, error = steps[0].before, max(one.error for one in steps)
     smaller = next((one.gain for one in steps if one.before == first and one.value < first), None)
     larger = next((one.gain for one in steps if one.before == first and one.value > first), None)
-    error = max(one.error for one in steps)
-    return ParameterRow(name, first, search.values[group][short], smaller, larger, error)
+    return [
+        Cell("parameter", name, "parameter"),
+        Cell("before", first, "before", ".4g"),
+        Cell("fitted", search.values[group][short], "fitted", ".4g"),
+        Cell("smaller", smaller, "gain if smaller", "+.4f", "of mean log likelihood, by the first step"),
+        Cell("larger", larger, "gain if larger", "+.4f"),
+        Cell("error", error, "standard error", ".4f"),
+    ]
 
 
 def _card(
-    search: _Search, options: FitOptions, data: Sequence[DataRow], rows: Sequence[ParameterRow]
+    search: _Search, options: FitOptions, data: Sequence[Any], rows: Sequence[Any] = ()
 ) -> dict[str, object]:
+    """Return the contents of the file of --save. data, rows: the records of the two tables."""
     lifts = {"seed": FIRST_SEED, "first_of_renderer": FIRST_LIFT, "of_each_object": options.lifts}
     return {
         "title": "parameters of the estimator slip",
         "made_with": "rig fit-slip",
         "clips": {"group": options.group or "all", "versions": [*ClipVersion]},
         "simulated_lifts": lifts,
-        "mean_negative_log_likelihood": [asdict(row) for row in data],
-        "tried": [row.parameter for row in rows],
-        "changed": [asdict(row) for row in rows if row.before != row.fitted],
+        "mean_negative_log_likelihood": list(data),
+        "tried": [row["parameter"] for row in rows],
+        "changed": [row for row in rows if row["before"] != row["fitted"]],
         "parameters": search.values,
     }
 

@@ -8,6 +8,7 @@ import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
+from itertools import product
 from pathlib import Path
 
 import cv2
@@ -17,23 +18,21 @@ from drivers.clock import to_ns
 from drivers.errors import counted
 from drivers.types import Image
 from protocols.observer import Phase
-from rig.benchmark.estimators.contenders import SharedContact, filtered, open_lift
-from rig.benchmark.estimators.scores import ContenderScore, score_all
+from rig.benchmark.estimators.contenders import ContenderScore, SharedContact, filtered, open_lift, score_all
 from rig.benchmark.estimators.study import record
-from rig.benchmark.harness import NONE, Report, Run, Study, Table
+from rig.benchmark.harness import Report, Run, Study, Table
+from rig.benchmark.measured import NONE
 from rig.benchmark.segmentation import NETWORKS, OURS, parse_models
 from rig.config import load_bench
-from rig.config.models import BenchConfig
 from rig.declared import option
 from rig.experiments.trial import resolve_objects
 from rig.frames.estimates import contact_ms, estimate_frames, estimate_together
 from rig.frames.of_session import SessionSeries
 from rig.frames.series import TimedFrame
 from rig.lift.object_angle import ZERO_S, object_angle
-from rig.lift.recording import recorded_truth
 from rig.results.metrics import Mare
 from rig.results.scores import SeriesScore, score_series
-from rig.sessions.reading import recorded_arm_states
+from rig.sessions.reading import phase_times, recorded_arm_states
 from rig.sessions.records import Lift
 from rig.sessions.rows import read_finished_lifts
 from rig.tactile.angles import Angles
@@ -114,24 +113,8 @@ class TrialsOptions:
     objects: list[str] | None = option(None, "Only this object; repeat for more.", "--object")
 
 
-@dataclass(frozen=True, slots=True)
-class TrialsResult:
-    """Everything measured on the simulated lifts."""
-
-    lifts: int
-    frames: int  # of phase B
-    scores: dict[tuple[str, int], ContenderScore]  # by method and window, over phase B
-    ms: dict[str, float]  # median wall time per frame with contact, by method, one thread
-    missing: tuple[str, ...]  # the paper's networks that were not given
-    session: Path  # the recorded lifts
-
-    @property
-    def title(self) -> str:
-        return f"SIMULATED, {counted(self.lifts, 'lift')}, one fingertip, phase B: the paper's Table"
-
-    def time(self, system: str) -> str:
-        ms = self.ms.get(system)
-        return NONE if ms is None else f"{ms:.1f}" if ms >= 10.0 else f"{ms:.2f}"
+Scores = dict[tuple[str, int], ContenderScore]  # by system and window, over phase B
+Times = dict[str, float]  # median wall time per frame with contact, ms, by system, one thread
 
 
 def measure(options: TrialsOptions, run: Run) -> Report:
@@ -160,7 +143,9 @@ def measure(options: TrialsOptions, run: Run) -> Report:
     bench = load_bench("fake")
     what = resolve_objects(options.objects), options.lifts
     plain = record(run, "session", bench, choose_estimator(DEFAULT_ESTIMATOR), *what)
-    marked = record(run, "session-markers", with_markers(bench), choose_estimator(KOLAMURI), *what)
+    tips = tuple(tip.model_copy(update={"markers": True}) for tip in bench.tactile)
+    dotted = bench.model_copy(update={"tactile": tips})
+    marked = record(run, "session-markers", dotted, choose_estimator(KOLAMURI), *what)
 
     def passes(folder: Path, networks: dict[str, str], systems: Sequence[str]) -> list[TrialPass]:
         work = partial(pass_lift, folder, networks, systems, peers)
@@ -176,19 +161,14 @@ def measure(options: TrialsOptions, run: Run) -> Report:
         spent_ms = {name: [each for of in timed for each in of[name]] for name in timed[0]}
         ms |= {name: float(np.median(values)) for name, values in spent_ms.items() if values}
     frames = sum(count for *_, count in of_plain)
-    result = TrialsResult(len(of_plain), frames, scores, ms, missing, plain)
     rows = [
-        {"system": name, "window": window, "ms": result.ms[name], **asdict(score)}
-        for (name, window), score in result.scores.items()
+        {"system": name, "window": window, "ms": ms[name], **asdict(score)}
+        for (name, window), score in scores.items()
     ]
-    figures = {"lifts": result.lifts, "frames": frames, "systems": rows, "not_trained": missing}
-    return Report((table_three(result), table_four(result)), notes=_notes(result), figures=figures)
-
-
-def with_markers(bench: BenchConfig) -> BenchConfig:
-    """Return the bench with markers printed on its gels and no other difference."""
-    tactile = tuple(t.model_copy(update={"markers": True}) for t in bench.tactile)
-    return bench.model_copy(update={"tactile": tactile})
+    figures = {"lifts": len(of_plain), "frames": frames, "systems": rows, "not_trained": missing}
+    title = f"SIMULATED, {counted(len(of_plain), 'lift')}, one fingertip, phase B: the paper's Table"
+    tables = table_three(title, scores, ms, missing), table_four(title, scores, ms)
+    return Report(tables, notes=_notes(frames, plain), figures=figures)
 
 
 class _Still(TactileEstimator):
@@ -207,10 +187,6 @@ def _make_system(name: str, files: Mapping[str, Path], tip: SessionSeries) -> Ta
     return choose_estimator(name, 1).make(tip.background, tip.aspect, tip.sign)
 
 
-def combination(network: str, method: str) -> str:
-    return f"{network} and {method}"
-
-
 def pass_lift(
     folder: Path,
     networks: Mapping[str, str],
@@ -224,23 +200,24 @@ def pass_lift(
     Raises `InputError` for a network that cannot be loaded, `SessionError` for a damaged recording.
     """
     cv2.setNumThreads(1)
-    lift = open_lift(folder, row)
-    tip, lift_ns = next(iter(lift.tips.values())), lift.phases[Phase.LIFT]
-    frames = list(thinned(f for f in tip.frames if f.time_ns < lift.phases[Phase.HOLD]))
-    states = [s for s in recorded_arm_states(lift.recording) if s.time_ns >= lift.phases[Phase.GRASP]]
+    recording = folder / row.recording
+    lift, grasp_ns = open_lift(recording, f"{row.object}/{row.lift}"), phase_times(recording)[Phase.GRASP]
+    tip = next(iter(lift.tips.values()))
+    frames = list(thinned(f for f in tip.frames if f.time_ns < lift.hold_ns))
+    states = [s for s in recorded_arm_states(recording) if s.time_ns >= grasp_ns]
     made = {name: _make_system(name, files, tip) for name in systems}
     passes: Passes = {name: list(estimate_frames(of, frames, states)) for name, of in made.items()}
-    late = [f for f in frames if f.time_ns >= lift_ns - to_ns(ZERO_S)]
+    late = [f for f in frames if f.time_ns >= lift.lift_ns - to_ns(ZERO_S)]
     for title, file in networks.items():
         passes |= _network_passes(title, Segmenter(load_network(file), tip.background), late)
-    truth, scores = recorded_truth(lift.recording), {}
-    for name, window in ((name, window) for name in passes for window in WINDOWS):
+    scores = {}
+    for name, window in product(passes, WINDOWS):
         samples = filtered(name, passes[name], window)
-        track = object_angle({"": tip.sign}, {"": samples}, lift_ns).tips[""]
-        angles = Angles.of(track.answer(s) for s in samples if s.time_ns >= lift_ns)
-        true_deg = truth.at(angles.time_s)
+        track = object_angle({"": tip.sign}, {"": samples}, lift.lift_ns).tips[""]
+        angles = Angles.of(track.answer(s) for s in samples if s.time_ns >= lift.lift_ns)
+        true_deg = lift.truth.at(angles.time_s)
         scores[name, window] = score_series(lift.name, angles.angle_deg, angles.sigma_deg, true_deg)
-    in_b = sum(f.time_ns >= lift_ns for f in frames)
+    in_b = sum(f.time_ns >= lift.lift_ns for f in frames)
     return scores, {n: contact_ms(timed) for n, timed in passes.items()}, in_b
 
 
@@ -255,7 +232,7 @@ def thinned(frames: Iterable[TimedFrame]) -> Iterator[TimedFrame]:
 def _network_passes(title: str, segmenter: Segmenter, frames: Sequence[TimedFrame]) -> Passes:
     """Run all angle methods on a network's contacts; the network's time counts for each of them."""
     finder = SharedContact(segmenter)
-    estimators = {combination(title, m): AxisEstimator(finder, METHODS[m]) for m in METHODS}
+    estimators = {f"{title} and {m}": AxisEstimator(finder, METHODS[m]) for m in METHODS}
 
     def segmented() -> Iterator[TimedFrame]:
         for frame in frames:
@@ -270,58 +247,66 @@ def _network_passes(title: str, segmenter: Segmenter, frames: Sequence[TimedFram
     }
 
 
-def table_three(result: TrialsResult) -> Table:
-    """Return the MARE over phase B by network, angle method and window; the paper's in brackets."""
+def table_three(title: str, scores: Scores, times_ms: Times, missing: Sequence[str]) -> Table:
+    """Return the MARE over phase B by network, angle method and window; the paper's in brackets.
+
+    missing: the paper's networks that were not given.
+    """
+
+    def cells(network: str, method: str, system: str) -> tuple[str, ...]:
+        paper = PAPER_THREE.get((network, method), (None,) * len(TABLE_WINDOWS))
+        mares = [
+            _mare(scores[system, window].mare) + (f" ({figure:.2f})" if figure else "")
+            for window, figure in zip(TABLE_WINDOWS, paper, strict=True)
+        ]
+        return (network, method, *mares, _time(times_ms, system))
+
     rows = []
     for name, network in (*NETWORKS.items(), (OURS, OURS)):
-        if name in result.missing:
+        if name in missing:
             train = f"rig train --arch {name} --fold D_s3 --units family --out RUN, "
             train += f"then --model {name}=RUN/{name}_D_s3/model.onnx"
             rows.append((network, f"not trained yet: {train}", *[NONE] * 6))
         else:
-            rows += [_three_row(result, network, method, combination(network, method)) for method in METHODS]
-    rows.append(_three_row(result, DEFAULT_ESTIMATOR, "(ours)", DEFAULT_ESTIMATOR))
+            rows += [cells(network, method, f"{network} and {method}") for method in METHODS]
+    rows.append(cells(DEFAULT_ESTIMATOR, "(ours)", DEFAULT_ESTIMATOR))
     columns = ("network", "method", *(f"window {n}" for n in TABLE_WINDOWS), "ms per frame with contact")
-    return Table(f"{result.title} III (its figures in brackets)", columns, rows, left=2)
-
-
-def _three_row(result: TrialsResult, network: str, method: str, system: str) -> tuple[str, ...]:
-    paper = PAPER_THREE.get((network, method), (None,) * len(TABLE_WINDOWS))
-    cells = [
-        _mare(result.scores[system, window].mare) + (f" ({figure:.2f})" if figure else "")
-        for window, figure in zip(TABLE_WINDOWS, paper, strict=True)
-    ]
-    return (network, method, *cells, result.time(system))
+    return Table(f"{title} III (its figures in brackets)", columns, rows, left=2)
 
 
 def _mare(mare: Mare | None) -> str:
     return NONE if mare is None else f"{mare.mean_deg:.2f} ± {mare.std_deg:.2f}"
 
 
-def table_four(result: TrialsResult) -> Table:
+def _time(times_ms: Times, system: str) -> str:
+    ms = times_ms.get(system)
+    return NONE if ms is None else f"{ms:.1f}" if ms >= 10.0 else f"{ms:.2f}"
+
+
+def table_four(title: str, scores: Scores, times_ms: Times) -> Table:
     """Return every system with its usual window, and the paper's result for it."""
     rows = []
-    for name in dict.fromkeys(name for name, _ in result.scores):
-        score = result.scores[name, 1 if name in UNFILTERED else PAPER_WINDOW]
+    for name in dict.fromkeys(name for name, _ in scores):
+        score = scores[name, 1 if name in UNFILTERED else PAPER_WINDOW]
         held = NONE if score.mare_held is None else f"{score.mare_held.mean_deg:.2f}"
         interval = (score.mare and score.mare.beside) or NONE
-        time = NONE if name == STILL else result.time(name)
+        time = NONE if name == STILL else _time(times_ms, name)
         cells = (_mare(score.mare), interval, f"{score.answered:.1%}", held, time)
         rows.append((TITLES.get(name, name), *cells, PAPER_FOUR.get(name, NONE)))
-    if ANGLENET_ON_TEST not in result.ms:
+    if ANGLENET_ON_TEST not in times_ms:
         kept = json.loads((MODELS / KEPT).read_text(encoding="utf-8"))[ANGLENET_ON_TEST]
         cells = (kept["mare"], kept["interval"], kept["answered"], kept["refused_held"], kept["ms"])
-        title = f"{TITLES[ANGLENET_ON_TEST]} (kept: {kept['of']})"
-        rows.append((title, *cells, PAPER_FOUR[ANGLENET_ON_TEST]))
+        trained = f"{TITLES[ANGLENET_ON_TEST]} (kept: {kept['of']})"
+        rows.append((trained, *cells, PAPER_FOUR[ANGLENET_ON_TEST]))
     held, time = "refused frames keep the last angle", "ms per frame with contact"
     columns = ("system", "MARE", "95 % interval", "answered", held, time, "paper")
-    return Table(f"{result.title} IV", columns, rows)
+    return Table(f"{title} IV", columns, rows)
 
 
-def _notes(result: TrialsResult) -> list[str]:
+def _notes(frames: int, session: Path) -> list[str]:
     return [
         "SIMULATED: the paper's figures are of its real bench and objects and cannot be compared with these.",
-        f"One fingertip at 30 frames per second, {result.frames} frames of phase B; times in one process "
+        f"One fingertip at 30 frames per second, {frames} frames of phase B; times in one process "
         "and one thread, medians.",
         "The angle methods are the corrected ones: they refuse a contact that is too round for an axis.",
         "Refused held: a frame without an answer counts with the last answer given.",
@@ -331,7 +316,7 @@ def _notes(result: TrialsResult) -> list[str]:
         "the noise of the arm's sensor. It and AngleNet were trained on SIMULATED lifts of other objects.",
         "The shipped networks were trained on fold D_s3, whose training objects include 1 and 7, as in the "
         "paper.",
-        f"Errors by object, edge against cylinder, and the curves of each lift: rig report {result.session}",
+        f"Errors by object, edge against cylinder, and the curves of each lift: rig report {session}",
     ]
 
 

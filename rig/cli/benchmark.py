@@ -4,11 +4,11 @@ The commands are made from the studies (`rig.benchmark.harness.Study`).
 """
 
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import typer
 from typer.core import TyperCommand
@@ -22,7 +22,6 @@ from rig.declared import file_place, folder_place, option, option_parameters, se
 
 if TYPE_CHECKING:
     from rig.benchmark.harness import Report, Study
-    from rig.benchmark.measured import Measured
 
 STUDIES = {
     "estimators": "Measure run time and error of every estimator, on 45 lifts and on disturbed clips.",
@@ -36,9 +35,8 @@ STUDIES = {
     "wire": "Do one lift over the wire protocols in real time; measure lost frames, rates and agreement.",
     "faults": "Let each device fail during a lift over the wire protocols; print how the rig recovers.",
     "safety": "Stop, kill or break a lift at random moments; print how the arm comes to rest.",
-    "endurance": (
-        "Hold an object still over the wire protocols, in real time, and print the measurements per minute."
-    ),
+    "endurance": "Hold an object still over the wire protocols, in real time, and print the measurements per "
+    "minute.",
     "trials": "Score networks, angle methods, windows and the paper's rivals on the same SIMULATED lifts.",
 }
 """First line of help by name. The study NAME is in `rig.benchmark.NAME`, or in a module of that package."""
@@ -47,7 +45,6 @@ MODULES = {
     **{name: f"wire.{name}" for name in ("faults", "safety", "endurance")},
     "wire": "wire.lift",
 }
-FIT_SLIP = "fit-slip"
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,9 +92,8 @@ def _carry_out(study: "Study[Any]", options: Any, shared: SharedOptions) -> None
     if study.keeps_results and shared.resume and shared.out is None:
         raise InputError("--resume continues the run in --out: give its folder with --out")
     folder = shared.out or (default_folder(study.name) if study.keeps_results else None)
-    first = f"{'SIMULATED ' if study.simulated else ''}benchmark {study.name}"
-    first += f", seed {shared.seed}" if "seed" in study.shared else ""
-    say(first + (f", results in {folder}" if folder else ""))
+    seed, place = f", seed {shared.seed}" if "seed" in study.shared else "", f", results in {folder}"
+    say(f"{'SIMULATED ' * study.simulated}benchmark {study.name}{seed}{place if folder else ''}")
     with WorkProgress(0, study.cases) as progress:
         run = Run(shared.seed, shared.jobs, folder, shared.resume, progress.show, say)
         report = study.measure(options, run)
@@ -113,8 +109,12 @@ def _carry_out(study: "Study[Any]", options: Any, shared: SharedOptions) -> None
         write_section(shared.readme, section, report.section)
     if shared.json:
         emit_json(result)
-    if report.binding:
-        _exit_if_missed(report.limits)
+    missed = [limit for limit in report.limits if limit.met is False and report.binding]
+    for limit in missed:
+        value = "no value" if limit.value is None else limit.shown
+        say(f"rig: limit missed: {limit.name}: {value}, required {limit.asked}")
+    if missed:
+        raise typer.Exit(Exit.LIMIT_MISSED)
     report_faults(report.faults.values())
 
 
@@ -122,9 +122,8 @@ def _print(report: "Report", wall_s: float, to_stderr: bool) -> None:
     from rig.benchmark.harness import limit_table
     from rig.live.tables import console_table, table_console
 
-    console = table_console(to_stderr)
+    console, explained = table_console(to_stderr), dict[str, str]()
     limits = [limit_table(report.limits, report.limits_of)] if report.limits else []
-    explained: dict[str, str] = {}
     for table in (*report.tables, *limits):
         console.print(console_table(table.columns, table.rows, range(table.left), table.title))
         explained |= table.legend
@@ -133,49 +132,39 @@ def _print(report: "Report", wall_s: float, to_stderr: bool) -> None:
         console.print(line, highlight=False)
 
 
-def _exit_if_missed(limits: "Iterable[Measured]") -> None:
-    """Print every missed limit; if there is one, end the command with exit code 4."""
-    missed = [limit for limit in limits if limit.met is False]
-    for limit in missed:
-        value = "no value" if limit.value is None else limit.shown
-        say(f"rig: limit missed: {limit.name}: {value}, required {limit.asked}")
-    if missed:
-        raise typer.Exit(Exit.LIMIT_MISSED)
+class _Studies(Group):
+    """A group with commands that are studies, whose modules are imported on use, because that is slow."""
+
+    modules: ClassVar[Mapping[str, str]]
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        if cmd_name not in self.modules or self.listing:
+            return super().get_command(ctx, cmd_name)
+        alone = Commands(add_completion=False)
+        module = import_module(f"rig.benchmark.{self.modules[cmd_name]}")
+        alone.command(cmd_name)(command_of(module.STUDY))
+        return get_command(alone)
 
 
-def study_command(name: str, module: str) -> Any:
-    """Return the command of a study. Its module is imported on use, because that is slow."""
-    alone = Commands(add_completion=False)
-    alone.command(name)(command_of(import_module(f"rig.benchmark.{module}").STUDY))
-    return get_command(alone)
-
-
-class Program(Group):
+class Program(_Studies):
     """The commands of `rig`; `fit-slip` is a study."""
+
+    modules: ClassVar[Mapping[str, str]] = {"fit-slip": "slip_fit"}
 
     def __init__(self, **settings: Any) -> None:
         super().__init__(**settings)
-        self.commands[FIT_SLIP] = TyperCommand(
-            FIT_SLIP, help="Fit the parameters of slip by maximum likelihood.", rich_help_panel="Advanced"
-        )
-
-    def get_command(self, ctx: Any, cmd_name: str) -> Any:
-        if cmd_name != FIT_SLIP or self.listing:
-            return super().get_command(ctx, cmd_name)
-        return study_command(FIT_SLIP, "slip_fit")
+        summary = "Fit the parameters of slip by maximum likelihood."
+        self.commands["fit-slip"] = TyperCommand("fit-slip", help=summary, rich_help_panel="Advanced")
 
 
-class Benchmarks(Group):
+class Benchmarks(_Studies):
     """The group of benchmarks; `rig benchmark` alone runs `rig benchmark estimators`."""
+
+    modules: ClassVar[Mapping[str, str]] = dict(zip(STUDIES, STUDIES, strict=True)) | MODULES
 
     def __init__(self, **settings: Any) -> None:
         super().__init__(**settings)
         self.commands.update({name: TyperCommand(name, help=summary) for name, summary in STUDIES.items()})
-
-    def get_command(self, ctx: Any, cmd_name: str) -> Any:
-        if cmd_name not in STUDIES or self.listing:
-            return super().get_command(ctx, cmd_name)
-        return study_command(cmd_name, MODULES.get(cmd_name, cmd_name))
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Insert the default subcommand if none is given."""

@@ -52,7 +52,7 @@ def test_faults_during_a_lift_are_detected_and_recovered_from(
         monkeypatch.setattr(f"protocols.slip_trial.{phase}", 0.5)
     cases = [case for case in CASES if case.name in SOME]
     results = run_faults(tmp_path / "s", cases, bench=unhurried_bench)
-    assert [row.fault for row in results] == list(SOME)
+    assert [row.case.name for row in results] == list(SOME)
     for row in results:
         assert row.passed, row
     assert len(read_finished_lifts(tmp_path / "s")) == len(SOME)

@@ -112,14 +112,9 @@ def score_scene(scene: AngleScene, seed: tuple[int, ...]) -> AngleRow:
         spent_s[i] = time.thread_time() - began
         if not isinstance(turn, Refusal):
             off[i] = wrapped_deg(turn.angle_deg - truth[i])
-    return AngleRow(
-        scene=str(scene),
-        rms_deg=float(np.sqrt(np.nanmean(off**2))),
-        worst_deg=float(np.nanmax(np.abs(off))),
-        rest_deg=float(np.nanmean(off[:_AT_REST])),
-        answered=float(np.isfinite(off).mean()),
-        ms=1e3 * float(np.median(spent_s)),
-    )
+    rms_deg, worst_deg = float(np.sqrt(np.nanmean(off**2))), float(np.nanmax(np.abs(off)))
+    rest_deg, answered = float(np.nanmean(off[:_AT_REST])), float(np.isfinite(off).mean())
+    return AngleRow(str(scene), rms_deg, worst_deg, rest_deg, answered, 1e3 * float(np.median(spent_s)))
 
 
 def _cover(picture: Image, marker: NDArray[np.floating], share: float, rng: np.random.Generator) -> None:
@@ -307,7 +302,12 @@ def sync_limits(seed: int) -> list[Measured]:
 
 def camera_limits(seed: int, data: Path | None) -> list[Measured]:
     """Calibrate a camera from 20 rendered views of a ChArUco board, and test it on 10 held-out views."""
-    views = rendered_views(seed, 30)
+    rng, views = np.random.default_rng((seed, 20)), list[View]()
+    while len(views) < 30:
+        picture = render_target(BOARD, board_scenes.CAMERA, board_pose(rng), rng)
+        found = BOARD.find(picture, f"{len(views):02d}")
+        if isinstance(found, View) and len(found.ids) >= 12:
+            views.append(found)
     result = calibrate_camera(views[:20])
     off = np.linalg.norm(camera_difference_px(board_scenes.CAMERA, result.fit.camera), axis=-1)
     return [
@@ -315,18 +315,6 @@ def camera_limits(seed: int, data: Path | None) -> list[Measured]:
         informative("intrinsics, 20 rendered views: projection error, rms px", np.sqrt((off**2).mean())),
         *real_photos(data),
     ]
-
-
-def rendered_views(seed: int, count: int) -> list[View]:
-    """Return rendered views of the standard board with at least 12 corners."""
-    rng = np.random.default_rng((seed, 20))
-    views: list[View] = []
-    while len(views) < count:
-        name = f"{len(views):02d}"
-        found = BOARD.find(render_target(BOARD, board_scenes.CAMERA, board_pose(rng), rng), name)
-        if isinstance(found, View) and len(found.ids) >= 12:
-            views.append(found)
-    return views
 
 
 def real_photos(data: Path | None) -> list[Measured]:
@@ -425,7 +413,7 @@ def measure(options: CalibrationOptions, run: Run) -> Report:
     # one after the other: some of them measure time
     limits = [row for rows in run.each(lambda part: parts[part](), list(parts), workers=1) for row in rows]
     return Report(
-        tables=(table_of("SIMULATED pictures: error of the two-marker angle", AngleRow, angles),),
+        tables=(table_of("SIMULATED pictures: error of the two-marker angle", angles),),
         limits=limits,
         limits_of="the calibrations: simulated data unless 'real' or 'photos'",
     )

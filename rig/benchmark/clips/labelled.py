@@ -222,21 +222,19 @@ def clip_version(clip: LabelledClip, version: ClipVersion) -> LabelledClip:
 def _mirrored(clip: LabelledClip, axis: int) -> LabelledClip:
     """Return a clip with frames and background mirrored along an image axis, which negates all angles."""
 
+    def flipped(image: Image) -> Image:
+        return np.ascontiguousarray(np.flip(image, axis))
+
     def read() -> Iterator[TimedFrame]:
         for frame in clip.series.read():
-            image = frame.image
-            yield replace(frame, image=None if image is None else _flipped(image, axis))
+            yield replace(frame, image=None if frame.image is None else flipped(frame.image))
 
     return replace(
         clip,
         series=FrameSeries(clip.series.name, read, clip.series.notes),
-        background=_flipped(clip.background, axis),
+        background=flipped(clip.background),
         labels=tuple(replace(label, angle_deg=-label.angle_deg) for label in clip.labels),
     )
-
-
-def _flipped(image: Image, axis: int) -> Image:
-    return np.ascontiguousarray(np.flip(image, axis))
 
 
 def _backwards(clip: LabelledClip) -> LabelledClip:

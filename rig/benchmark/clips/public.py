@@ -1,6 +1,5 @@
 """Public data sets with labels in this package: frames are made from a clone that the user has."""
 
-import csv
 import hashlib
 import os
 import shutil
@@ -18,6 +17,7 @@ from drivers.formats import read_csv_rows
 from drivers.images import decode_image, encode_png
 from drivers.types import Image
 from rig.frames.clips import BACKGROUND, FRAMES, LABELS, TIMES
+from rig.frames.estimates import table
 from rig.frames.series import read_frames
 from rig.sessions.files import cache_folder
 
@@ -97,11 +97,11 @@ def make_clips(of: PublicSet, clone: Path) -> Path:
         folder.parent.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(dir=folder.parent, prefix=f"{of.name}-") as place:
             made = Path(place) / "made"
-            labels = [row for _, row in read_csv_rows(of.labels, ("clip",))]
+            labels: list[dict[str, object]] = [{**row} for _, row in read_csv_rows(of.labels, ("clip",))]
             for name in dict.fromkeys(row["clip"] for row in sources):
                 clip = made / name
                 clip.mkdir(parents=True)
-                _write_csv(clip / LABELS, [row for row in labels if row["clip"] == name])
+                (clip / LABELS).write_text(table([row for row in labels if row["clip"] == name]), "utf-8")
                 _write_frames(clip, [row for row in sources if row["clip"] == name], files)
             made.rename(folder)
     except OSError as error:
@@ -121,8 +121,10 @@ def _write_frames(clip: Path, sources: Sequence[Mapping[str, str]], files: Mappi
     frames = [row for row in sources if row["use"] == "frame"]
     if frames:
         (clip / FRAMES).mkdir()
-        times = [{"frame": str(number), "t_s": row["t_s"]} for number, row in enumerate(frames)]
-        _write_csv(clip / TIMES, times)
+        times: list[dict[str, object]] = [
+            {"frame": number, "t_s": row["t_s"]} for number, row in enumerate(frames)
+        ]
+        (clip / TIMES).write_text(table(times), "utf-8")
     for number, row in enumerate(frames):
         image = _image(row, files[row["path"]]) if row["path"] else background
         (clip / FRAMES / f"{number:06d}.png").write_bytes(encode_png(image))
@@ -141,13 +143,6 @@ def _image(source: Mapping[str, str], data: bytes) -> Image:
             f"{source['path']}: cannot be decoded: install the version of OpenCV that pip selects"
         )
     return image
-
-
-def _write_csv(file: Path, rows: Sequence[Mapping[str, str]]) -> None:
-    with file.open("w", encoding="utf-8", newline="") as text:
-        writer = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(rows)
 
 
 def read_verified(clone: Path, of: PublicSet, sha256: Mapping[str, str]) -> dict[str, bytes]:

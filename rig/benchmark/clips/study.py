@@ -5,7 +5,7 @@ equally difficult for an earlier estimator. Constants are fitted on the group `d
 estimator were also chosen by their figures on the group `validation`.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from operator import attrgetter
 from pathlib import Path
@@ -18,33 +18,38 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from drivers.errors import InputError, counted, unknown_name
-from rig.benchmark.clips.labelled import ClipVersion, chosen_versions, clip_version, read_clips
-from rig.benchmark.clips.public import SETS, PublicSet, find_set, make_clips
-from rig.benchmark.clips.scores import ClipRun, ClipScore, EstimatorRuns, run_clip, summed
-from rig.benchmark.harness import (
-    ALL,
-    Report,
-    Run,
-    Study,
-    Table,
-    column,
-    columns_of,
-    limit_table,
-    machine,
-    table_of,
+from rig.benchmark.clips.labelled import (
+    ClipLabel,
+    ClipVersion,
+    LabelledClip,
+    chosen_versions,
+    clip_version,
+    read_clips,
 )
+from rig.benchmark.clips.public import SETS, PublicSet, find_set, make_clips
+from rig.benchmark.harness import ALL, Cell, Report, Run, Study, Table, column, limit_table, machine, table_of
 from rig.benchmark.measured import Measured, at_least, at_most
 from rig.declared import argument, option
+from rig.frames.estimates import FRAME_MS, Estimate, contact_ms, estimate_series, frame_ms, zeroed
 from rig.pages.figure import band, drawing, legend_above, limits, svg
 from rig.pages.page import render
 from rig.pages.palette import ESTIMATE, SERIES, TRUTH
 from rig.report.strips import Still, still
-from rig.tactile.estimators import choose_estimator
+from rig.results.scores import WRONG_DEG, WRONG_SIGMAS, is_confidently_wrong
+from rig.results.shares import Share, share_of
+from rig.tactile.estimators import EstimatorChoice, choose_estimator
+from rig.tactile.sample import EstimatorFaults, State, faults_of
 
 ESTIMATORS = ("slip", "ecc", "ellipse", "pca", "anglenet")  # estimators that are compared by default
 PROJECT = {"within": 0.5, "confidently_wrong": 0.04, "two_sigma": 0.88}
 """Limits of this project for its own clips, by option."""
 SIGMAS = 2.0
+CLOSE_DEG, LABEL_SIGMAS = 3.0, 2.0
+"""An error counts as small up to 3 degrees, or up to 2 label sigmas, which the label's error may explain."""
+SMALL_TURN_DEG = 30.0  # largest angle of a label that counts as a small rotation
+USEFUL_SIGMA_DEG = 5.0  # largest sigma of a useful angle
+TURNED_DEG, MISSED_SHARE = 10.0, 0.5
+"""A rest is false if a label is at least 10 degrees and more than half of its angle was missed."""
 CHART_PX = (440, 260)
 STILL_WIDTH_PX = 160
 _ROOM, _LEAST_ROOM_DEG = 0.06, 1.0
@@ -109,31 +114,204 @@ class ClipsOptions:
 
 
 @dataclass(frozen=True, slots=True)
-class GroupRow:
-    """One estimator on the clips of one group, a row of the first table."""
+class JudgedLabel:
+    """A label with the estimate at its frame.
 
-    estimator: str = column("estimator")
-    clips: str = column("clips", doc="group, or all")
-    score: ClipScore = columns_of(ClipScore)
+    angle_deg, sigma_deg: relative to the clip's reference; None if the frame was refused, sigma_deg also if
+    the estimator has no sigma. held_deg: the last angle up to this frame, 0 before the first.
+    """
+
+    clip: str
+    label: ClipLabel
+    angle_deg: float | None
+    sigma_deg: float | None
+    held_deg: float
+
+    @property
+    def error_deg(self) -> float:
+        """Absolute error; for a refused frame the error of the last angle before it."""
+        return abs(self.held_deg - self.label.angle_deg)
+
+    def within(self, allowed_deg: float) -> bool:
+        """Return whether there is an angle with an error of at most 3 degrees, or of an allowed value."""
+        return self.angle_deg is not None and self.error_deg <= max(CLOSE_DEG, allowed_deg)
+
+    @property
+    def useful(self) -> bool:
+        return self.sigma_deg is not None and self.sigma_deg <= USEFUL_SIGMA_DEG
+
+    @property
+    def joint_sigma_deg(self) -> float | None:
+        """Combined sigma of estimate and label; None without an estimate or its sigma."""
+        return None if self.sigma_deg is None else float(np.hypot(self.sigma_deg, self.label.sigma_deg))
+
+    @property
+    def sigmas_off(self) -> float | None:
+        sigma = self.joint_sigma_deg
+        return None if sigma is None else self.error_deg / max(sigma, 1e-9)
+
+    @property
+    def confidently_wrong(self) -> bool:
+        return is_confidently_wrong(self.error_deg, self.joint_sigma_deg)
+
+    @property
+    def false_rest(self) -> bool:
+        """Whether the object has turned, but more than half of it was missed with a useful sigma."""
+        true = self.label.angle_deg
+        return self.useful and abs(true) >= TURNED_DEG and (true - self.held_deg) / true > MISSED_SHARE
 
 
 @dataclass(frozen=True, slots=True)
-class VersionRow:
-    """One estimator on the clips of one group in one or all versions, a row of the table by version."""
+class ClipScore:
+    """Figures over labels; None if there is no value.
 
-    estimator: str = column("estimator")
-    clips: str = column("clips", doc="group, or all")
-    version: str = column("version", doc="version of the clips, or all")
-    score: ClipScore = columns_of(ClipScore)
+    answered, within_3, within, useful, confidently_wrong: shares of all labels. two_sigma: share of the
+    angles with a sigma. false_rest: share of the labels of at least 10 degrees. empty_as_contact,
+    held_as_contact: fractions reported as contact of the frames labelled as without and with contact.
+    """
+
+    answered: Share | None
+    median_sigma_deg: float | None
+    labels: int = column("labels", doc="frames with an angle measured by hand")
+    within_3: Share | None = column(
+        "within 3 deg", doc="share of the labels whose angle is off by at most 3 degrees"
+    )
+    within: Share | None = column(
+        "within 3 deg or 2 label sigmas", doc="or by at most twice the standard deviation of the label"
+    )
+    mean_small_deg: float | None = column(
+        "mean, up to 30 deg",
+        ".2f",
+        "mean error, degrees, of labels up to 30 degrees; a refusal keeps the last angle",
+    )
+    mean_deg: float = column("mean, all", ".2f", "the same over all labels")
+    median_small_deg: float | None = column(
+        "median, up to 30 deg", ".2f", "median error, degrees, of labels up to 30 degrees"
+    )
+    median_deg: float = column("median, all", ".2f", "the same over all labels")
+    useful: Share | None = column("useful", doc=f"share with a sigma of at most {USEFUL_SIGMA_DEG:g} degrees")
+    two_sigma: Share | None = column(
+        "within 2 sigma", doc="share of the angles whose error is at most twice the sigma of angle and label"
+    )
+    confidently_wrong: Share | None = column(
+        "confidently wrong", doc=f"share off by more than {WRONG_DEG:g} degrees and {WRONG_SIGMAS:g} sigma"
+    )
+    false_rest: Share | None = column(
+        "false rest",
+        doc="share of the labels from 10 degrees on of which more than half was missed, with a useful sigma",
+    )
+    frame_ms: tuple[float, float, float] | None = column(FRAME_MS, ".1f")
+    empty_as_contact: float | None = column("empty reported as contact", ".1%", optional=True)
+    held_as_contact: float | None = column("held reported as contact", ".1%", optional=True)
+
+    @property
+    def p99_ms(self) -> float | None:
+        return None if self.frame_ms is None else self.frame_ms[-1]
 
 
-@dataclass(frozen=True, slots=True)
-class ClipRow:
-    """One clip, a row of the second table."""
+def score(
+    labels: Sequence[JudgedLabel],
+    contact_ms: Sequence[float],
+    has_sigma: bool,
+    contacts: Sequence[tuple[bool, bool]] = (),
+) -> ClipScore:
+    """Summarize labels, at least one, and the run times of the frames with contact, ms.
 
-    clip: str = column("clip")
-    group: str = column("group")
-    score: ClipScore = columns_of(ClipScore)
+    has_sigma: whether the estimator reports a sigma; without it, figures that need one are None. contacts:
+    for each frame of a contact span, whether it is in contact and whether it was reported as contact.
+    """
+    errors = np.array([label.error_deg for label in labels])
+    small = np.array([abs(label.label.angle_deg) <= SMALL_TURN_DEG for label in labels])
+    turned = [label for label in labels if abs(label.label.angle_deg) >= TURNED_DEG]
+    sigmas = [label.sigma_deg for label in labels if label.sigma_deg is not None]
+    off = [value for label in labels if (value := label.sigmas_off) is not None]
+    return ClipScore(
+        labels=len(labels),
+        answered=share_of([label.angle_deg is not None for label in labels]),
+        within_3=share_of([label.within(CLOSE_DEG) for label in labels]),
+        within=share_of([label.within(LABEL_SIGMAS * label.label.sigma_deg) for label in labels]),
+        mean_small_deg=float(errors[small].mean()) if small.any() else None,
+        median_small_deg=float(np.median(errors[small])) if small.any() else None,
+        mean_deg=float(errors.mean()),
+        median_deg=float(np.median(errors)),
+        useful=share_of([label.useful for label in labels]) if has_sigma else None,
+        two_sigma=share_of(value <= 2.0 for value in off),
+        confidently_wrong=share_of([label.confidently_wrong for label in labels]) if has_sigma else None,
+        false_rest=share_of(label.false_rest for label in turned) if has_sigma else None,
+        median_sigma_deg=float(np.median(sigmas)) if sigmas else None,
+        frame_ms=frame_ms(contact_ms),
+        empty_as_contact=_fraction([reported for held, reported in contacts if not held]),
+        held_as_contact=_fraction([reported for held, reported in contacts if held]),
+    )
+
+
+def _fraction(values: Sequence[bool]) -> float | None:
+    return sum(values) / len(values) if values else None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ClipRun:
+    """One estimator on one clip."""
+
+    clip: LabelledClip
+    estimate: Estimate  # angles relative to the clip's reference
+    labels: tuple[JudgedLabel, ...]  # labels with the angles at their frames
+    contact_ms: tuple[float, ...]  # run time of each frame with contact
+    has_sigma: bool
+    contacts: tuple[tuple[bool, bool], ...] = ()  # of each labelled frame: in contact, reported as contact
+
+    @property
+    def score(self) -> ClipScore:
+        """Figures of this clip."""
+        return score(self.labels, self.contact_ms, self.has_sigma, self.contacts)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class EstimatorRuns:
+    """One estimator on all clips. groups: its figures by group, `ALL` first, then sorted by name."""
+
+    name: str
+    runs: tuple[ClipRun, ...]
+    groups: Mapping[str, ClipScore]
+
+    def of_version(self, version: ClipVersion) -> "EstimatorRuns":
+        return summed(self.name, [run for run in self.runs if run.clip.version is version])
+
+    @property
+    def faults(self) -> EstimatorFaults | None:
+        """Faults of a foreign estimator; None without faults."""
+        return faults_of(sample for run in self.runs for sample in run.estimate.samples)
+
+
+def run_clip(clip: LabelledClip, choice: EstimatorChoice) -> ClipRun:
+    raw = estimate_series(clip.series, choice.make(clip.background))
+    estimate = zeroed(raw, raw.times[clip.reference_frame])
+    samples, judged = estimate.samples, []
+    for label in clip.labels:
+        before = reversed(samples[clip.reference_frame : label.frame + 1])
+        held = next((sample.angle_deg for sample in before if sample.angle_deg is not None), 0.0)
+        at = samples[label.frame]
+        judged.append(JudgedLabel(clip.name, label, at.angle_deg, at.sigma_deg, held))
+    contacts = tuple(
+        (span.contact, sample.state is not State.NO_CONTACT)
+        for span in clip.contacts
+        for sample in samples[span.first : span.last + 1]
+    )
+    has_sigma = any(sample.sigma_deg is not None for sample in samples)
+    return ClipRun(clip, estimate, tuple(judged), tuple(contact_ms(samples)), has_sigma, contacts)
+
+
+def summed(name: str, runs: Sequence[ClipRun]) -> EstimatorRuns:
+    groups = {}
+    for group in (ALL, *sorted({run.clip.group for run in runs})):
+        of = [run for run in runs if group in (ALL, run.clip.group)]
+        groups[group] = score(
+            [label for run in of for label in run.labels],
+            [ms for run in of for ms in run.contact_ms],
+            any(run.has_sigma for run in of),
+            [contact for run in of for contact in run.contacts],
+        )
+    return EstimatorRuns(name, tuple(runs), groups)
 
 
 def measure(options: ClipsOptions, run: Run) -> Report:
@@ -199,10 +377,13 @@ def measure(options: ClipsOptions, run: Run) -> Report:
     limits = judge(estimators[0].groups[options.group or ALL], options)
     first, overall = estimators[0], overall_table(estimators)
     worst = sorted(first.runs, key=lambda run: -run.score.mean_deg)
-    rows = [ClipRow(run.clip.name, run.clip.group, run.score) for run in worst]
-    by_clip = table_of(f"'{first.name}' by clip, worst first", ClipRow, rows, left=2)
+    rows = [
+        [Cell("clip", of.clip.name, "clip"), Cell("group", of.clip.group, "group"), Cell("score", of.score)]
+        for of in worst
+    ]
+    by_clip = table_of(f"'{first.name}' by clip, worst first", rows, left=2)
     limits_of = f"'{first.name}', {options.group or 'all clips'}"
-    by_version = [version_table(estimators, versions)] if len(versions) > 1 else []
+    by_version = [overall_table(estimators, versions)] if len(versions) > 1 else []
     shown = [*([limit_table(limits, limits_of)] if limits else []), *by_version, overall, by_clip]
     section = _section(first, by_version[0] if by_version else overall, limits)
     return Report(
@@ -238,34 +419,28 @@ def judge(of: ClipScore, options: ClipsOptions) -> tuple[Measured, ...]:
 
 def verdict(limits: Sequence[Measured]) -> str:
     missed = [f"{limit.name} {limit.shown}, required {limit.asked}" for limit in limits if not limit.met]
-    kept = "All limits were kept." if limits else ""
-    return f"Limits missed: {'; '.join(missed)}." if missed else kept
+    return f"Limits missed: {'; '.join(missed)}." if missed else "All limits were kept." * bool(limits)
 
 
-def overall_table(estimators: Sequence[EstimatorRuns]) -> Table:
-    """Return a row per estimator and group, all clips first; a single group has no separate row."""
-    rows = [
-        GroupRow(of.name if group == ALL else "", group, of.groups[group])
-        for of in estimators
-        for group in _groups(of)
-    ]
-    return table_of("Hand-measured angles, errors in degrees", GroupRow, rows, left=2)
+def overall_table(estimators: Sequence[EstimatorRuns], versions: Sequence[ClipVersion] = ()) -> Table:
+    """Return a row per estimator, group and version; each name only in its first row.
 
-
-def _groups(of: EstimatorRuns) -> list[str]:
-    return list(of.groups) if len(of.groups) > 2 else [ALL]
-
-
-def version_table(estimators: Sequence[EstimatorRuns], versions: Sequence[ClipVersion]) -> Table:
-    """Return a row per estimator, group and version; estimator and group only in their first row."""
+    All clips come first; a single group has no separate row. Without versions there is no column for them.
+    """
     rows = []
     for of in estimators:
-        for group in _groups(of):
-            whole = (of.name if group == ALL else "", group, ALL)
-            rows.append(VersionRow(*whole, of.groups[group]))
-            rows += [VersionRow("", "", name, of.of_version(name).groups[group]) for name in versions]
-    title = "Hand-measured angles by version of the clips, errors in degrees"
-    return table_of(title, VersionRow, rows, left=3)
+        found = {ALL: of} | {str(version): of.of_version(version) for version in versions}
+        for group in list(of.groups) if len(of.groups) > 2 else [ALL]:
+            for version, runs in found.items():
+                row = [
+                    Cell("estimator", of.name if group == version == ALL else "", "estimator"),
+                    Cell("clips", group if version == ALL else "", "clips", doc="group, or all"),
+                    Cell("version", version, "version", doc="version of the clips, or all"),
+                    Cell("score", runs.groups[group]),
+                ]
+                rows.append(row if versions else [*row[:2], row[3]])
+    by = " by version of the clips" if versions else ""
+    return table_of(f"Hand-measured angles{by}, errors in degrees", rows, left=3 if versions else 2)
 
 
 def readme_row(of: PublicSet, runs: EstimatorRuns) -> str:
@@ -382,12 +557,8 @@ def _stills(run: ClipRun) -> list[Still]:
     return found
 
 
-STUDY = Study(
-    name="clips",
-    options=ClipsOptions,
-    measure=measure,
-    cases="clips",
-    shared=("out", "readme"),
-    section=lambda options: f"clips {options.public_set}" if options.public_set else "clips",
-    simulated=False,
-)
+def section(options: ClipsOptions) -> str:
+    return f"clips {options.public_set}" if options.public_set else "clips"
+
+
+STUDY = Study("clips", ClipsOptions, measure, "clips", ("out", "readme"), section, simulated=False)

@@ -22,7 +22,9 @@ from rig.frames.of_session import SessionSeries, recording_frames
 from rig.lift.object_angle import object_angle
 from rig.lift.onset import estimated_onset_ns
 from rig.lift.recording import recorded_truth
+from rig.results.metrics import Mare, mare_of
 from rig.results.scores import SeriesScore, score_angles
+from rig.results.shares import Share, share_of
 from rig.sessions.reading import phase_times
 from rig.sessions.records import Lift
 from rig.tactile.angles import FUSED, Angles
@@ -62,21 +64,16 @@ def unfiltered(
 
 def filtered(name: str, samples: Sequence[SlipSample], window: int) -> list[SlipSample]:
     if name in PAPER and name.endswith(PUBLISHED):
-        script = ScriptFilter(window)
-        return [_published(sample, script) for sample in samples]
+        script, found = ScriptFilter(window), []
+        for sample in samples:  # frames without contact pass through the script's filter, but stay unchanged
+            angle_deg = sample.angle_deg if sample.state is State.LOST else script.update(sample.angle_deg)
+            found.append(sample if sample.state is State.NO_CONTACT else replace(sample, angle_deg=angle_deg))
+        return found
     if window == 1:
         return list(samples)
     mean = WindowMean(_Replayed(samples), window)
     unseen = np.empty((0, 0, 3), np.uint8)
     return [mean.update(unseen, sample.time_ns) for sample in samples]
-
-
-def _published(sample: SlipSample, script: ScriptFilter) -> SlipSample:
-    """Return a sample after the script's filter; a sample without contact is unchanged."""
-    if sample.state is State.LOST:
-        return sample
-    angle_deg = script.update(sample.angle_deg)
-    return sample if sample.state is State.NO_CONTACT else replace(sample, angle_deg=angle_deg)
 
 
 class SharedContact:
@@ -125,18 +122,50 @@ class _Replayed(TactileEstimator):
         return next(self._samples)
 
 
+Passes = dict[str, dict[str, list[SlipSample]]]  # samples by estimator and fingertip
+
+
 @dataclass(frozen=True, slots=True, eq=False)
-class RecordedLift:
-    """One stored lift: its row in the session, its recording, and its fingertips by serial."""
+class KnownLift:
+    """A lift with ground truth, recorded or drawn: fingertips by name, and the starts of its phases, ns."""
 
-    row: Lift
-    recording: Path
-    phases: Mapping[str, int]
+    name: str
     tips: Mapping[str, SessionSeries]
+    truth: Angles
+    lift_ns: int
+    hold_ns: int
+    end_ns: int
 
-    @property
-    def name(self) -> str:
-        return f"{self.row.object}/{self.row.lift}"
+    def passes(self, make: Callable[[SessionSeries], Mapping[str, TactileEstimator]]) -> Passes:
+        """Run estimators on the frames. make: returns the estimators of a fingertip by name."""
+        of_tips = {name: estimate_together(make(tip), tip.frames) for name, tip in self.tips.items()}
+        names = next(iter(of_tips.values()))
+        return {name: {tip: samples[name] for tip, samples in of_tips.items()} for name in names}
+
+    def score(self, samples: Mapping[str, Sequence[SlipSample]], onset_s: float | None = None) -> SeriesScore:
+        """Score samples by fingertip, over phases B and C. onset_s: true onset since the lift began."""
+        angle = object_angle({name: tip.sign for name, tip in self.tips.items()}, samples, self.lift_ns)
+        lifted = [sample for sample in angle.fused if sample.time_ns < self.end_ns]
+        fused = Angles.of(lifted, FUSED)
+        onsets_s = [
+            None if time_ns is None or time_ns >= self.end_ns else (time_ns - self.lift_ns) / NS_PER_S
+            for time_ns in (estimated_onset_ns(fused), angle.alarm_ns)
+        ]
+        return replace(
+            score_angles(self.name, fused, self.truth.at(fused.time_s), self.hold_ns),
+            onset_truth_s=onset_s,
+            onset_estimate_s=onsets_s[0],
+            onset_event_s=onsets_s[1],
+            has_rates=any(sample.rate_deg_s is not None for sample in lifted),
+        )
+
+
+def open_lift(recording: Path, name: str) -> KnownLift:
+    """Open the recording of a lift. Raises `SessionError` if it is missing or damaged."""
+    tips = {tip.serial: tip for tip in recording_frames(recording)}
+    phases = phase_times(recording)
+    times_ns = phases[Phase.LIFT], phases[Phase.HOLD], phases[Phase.LOWER]
+    return KnownLift(name, tips, recorded_truth(recording), *times_ns)
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,53 +178,21 @@ class LiftScores:
     faults: dict[str, EstimatorFaults] = field(default_factory=dict)  # of foreign estimators, by name
 
 
-def open_lift(folder: Path, row: Lift) -> RecordedLift:
-    """Open the recording of a lift. Raises `SessionError` if it is missing or damaged."""
-    recording = folder / row.recording
-    tips = {tip.serial: tip for tip in recording_frames(recording)}
-    return RecordedLift(row, recording, phase_times(recording), tips)
-
-
 def score_lift(folder: Path, names: Sequence[str], row: Lift) -> LiftScores:
     """Run every estimator on the frames of one lift, in a worker process. names: of the estimators."""
     cv2.setNumThreads(1)
-    lift = open_lift(folder, row)
-    passes: dict[str, dict[str, list[SlipSample]]] = {name: {} for name in names}
-    for serial, tip in lift.tips.items():
-        estimators = unfiltered(tip.background, tip.aspect, names, tip.sign)
-        for name, timed in estimate_together(estimators, tip.frames).items():
-            passes[name][serial] = timed
-    truth = recorded_truth(lift.recording)
+    lift = open_lift(folder / row.recording, f"{row.object}/{row.lift}")
+    passes = lift.passes(lambda tip: unfiltered(tip.background, tip.aspect, names, tip.sign))
     scores = {
-        (name, window): _scored(lift, truth, {s: filtered(name, p, window) for s, p in passes[name].items()})
-        for name in names
+        (name, window): lift.score({s: filtered(name, p, window) for s, p in of.items()}, row.onset_truth_s)
+        for name, of in passes.items()
         for window in WINDOWS
     }
-    ours = [s for samples in passes[DEFAULT_ESTIMATOR].values() for s in samples]
+    every = {name: [sample for tip in of.values() for sample in tip] for name, of in passes.items()}
+    ours = every[DEFAULT_ESTIMATOR]
     skipped = dict(Counter(stage for sample in ours for stage in sample.skipped))
-    faults = {
-        name: found for name in names if (found := faults_of(s for tip in passes[name].values() for s in tip))
-    }
+    faults = {name: found for name, samples in every.items() if (found := faults_of(samples))}
     return LiftScores(scores, len(ours), skipped, faults)
-
-
-def _scored(lift: RecordedLift, truth: Angles, samples: Mapping[str, list[SlipSample]]) -> SeriesScore:
-    lift_ns, end_ns = lift.phases[Phase.LIFT], lift.phases[Phase.LOWER]
-    angle = object_angle({serial: tip.sign for serial, tip in lift.tips.items()}, samples, lift_ns)
-    lifted = [sample for sample in angle.fused if sample.time_ns < end_ns]
-    fused = Angles.of(lifted, FUSED)
-    alarm_ns = angle.alarm_ns
-    return replace(
-        score_angles(lift.name, fused, truth.at(fused.time_s), lift.phases[Phase.HOLD]),
-        onset_truth_s=lift.row.onset_truth_s,
-        onset_estimate_s=_since(estimated_onset_ns(fused), lift_ns),
-        onset_event_s=_since(alarm_ns if alarm_ns is None or alarm_ns < end_ns else None, lift_ns),
-        has_rates=any(sample.rate_deg_s is not None for sample in lifted),
-    )
-
-
-def _since(time_ns: int | None, start_ns: int) -> float | None:
-    return None if time_ns is None else (time_ns - start_ns) / NS_PER_S
 
 
 @dataclass(frozen=True, slots=True)
@@ -242,20 +239,20 @@ def time_lifts(
     """
     before = cv2.getNumThreads()
     cv2.setNumThreads(1)
+    samples: dict[str, list[SlipSample]] = {name: [] for name in names}
+    published: list[float] = []
+    size_px = (0, 0)
     try:
-        samples: dict[str, list[SlipSample]] = {name: [] for name in names}
-        published: list[float] = []
-        lift = open_lift(folder, rows[0])
         for number, row in enumerate(rows):
-            lift = open_lift(folder, row)
-            tips = list(lift.tips.values())
+            tips = recording_frames(folder / row.recording)
+            height, width = tips[0].background.shape[:2]
+            size_px = width, height
             _time_tip(tips[number % len(tips)], samples, published)
             progress(number + 1, len(rows), f"timed on lift {row.object}/{row.lift}")
-        height, width = next(iter(lift.tips.values())).background.shape[:2]
-        contenders = {name: _timing(timed) for name, timed in samples.items()}
-        return TimingReport((width, height), contenders, spread(published))
     finally:
         cv2.setNumThreads(before)
+    contenders = {name: _timing(timed) for name, timed in samples.items()}
+    return TimingReport(size_px, contenders, spread(published))
 
 
 def spread(durations_s: Sequence[float]) -> Spread:
@@ -306,4 +303,90 @@ def _timing(timed: Sequence[SlipSample]) -> Timing:
         stages={name: spread([of[name] for of in stages if name in of]) for name in names},
         frames=len(timed),
         total_s=sum(of.cost_s or 0.0 for of in timed),
+    )
+
+
+ELONGATED = ("t1", "t2", "t3", "t4", "t6", "t7")  # objects with elongated contacts
+ONSET_WITHIN_S = 0.05  # largest error of an onset that counts as within
+EARLY_S = 0.1  # an onset reported earlier than this before the true one is a false alarm
+
+
+@dataclass(frozen=True, slots=True)
+class OnsetScore:
+    """Slip onsets over many lifts."""
+
+    true: int  # number of lifts with an onset
+    error_s: float | None  # median of |estimated - true|
+    within: Share | None  # share of the true onsets that were reported with an error of at most 50 ms
+    missed: int  # number of lifts whose onset was not reported
+    false_alarms: int  # lifts with a report but without an onset, or with a report over 100 ms too early
+
+
+@dataclass(frozen=True, slots=True)
+class ContenderScore:
+    """Figures of one estimator over many lifts or clips; the MAREs are those of `SeriesScore`."""
+
+    mare: Mare | None
+    mare_b: Mare | None
+    mare_held: Mare | None
+    mare_unsigned: Mare | None
+    mare_elongated: Mare | None  # over objects with elongated contacts
+    worst_deg: float | None  # largest mean error of a lift or clip
+    worst: str  # its key
+    answered: float  # fraction of frames with an angle
+    within_two_sigma: float | None  # fraction of these frames, None without sigmas
+    wrong_lifts: int  # number of lifts with a confidently wrong angle
+    onset: OnsetScore  # onsets found afterwards
+    event: OnsetScore | None  # onsets reported during the lift; None for an estimator without rates
+
+    @property
+    def mare_deg(self) -> float | None:
+        return self.mare and self.mare.mean_deg
+
+    @property
+    def wrong_if_sigma(self) -> int | None:
+        """Number of lifts with a confidently wrong angle; None for an estimator without sigma."""
+        return None if self.within_two_sigma is None else self.wrong_lifts
+
+    @property
+    def worst_text(self) -> str:
+        return "-" if self.worst_deg is None else f"{self.worst_deg:.2f} ({self.worst})"
+
+
+def score_all(series: Sequence[SeriesScore]) -> ContenderScore:
+    """Combine the scores of lifts or clips; the key of a lift begins with its object, as "t1/3"."""
+    means = [(s.re.mean_deg, s.key) for s in series if s.re]
+    worst_deg, worst = max(means, default=(None, ""))
+    long = [s for s in series if s.key.split("/")[0] in ELONGATED]
+    sure = sum(s.sure for s in series)
+    frames = sum(s.frames for s in series)
+    return ContenderScore(
+        mare=mare_of(s.re for s in series),
+        mare_b=mare_of(s.re_b for s in series),
+        mare_held=mare_of(s.re_held for s in series),
+        mare_unsigned=mare_of(s.re_unsigned for s in series),
+        mare_elongated=mare_of(s.re for s in long),
+        worst_deg=worst_deg,
+        worst=worst,
+        answered=sum(s.answered * s.frames for s in series) / frames if frames else 0.0,
+        within_two_sigma=sum(s.within for s in series) / sure if sure else None,
+        wrong_lifts=sum(s.wrong > 0 for s in series),
+        onset=_onsets([(s.onset_truth_s, s.onset_estimate_s) for s in series]),
+        event=_onsets([(s.onset_truth_s, s.onset_event_s) for s in series])
+        if any(s.has_rates for s in series)
+        else None,
+    )
+
+
+def _onsets(onsets_s: Sequence[tuple[float | None, float | None]]) -> OnsetScore:
+    """Score pairs of true and estimated onset, None without an onset."""
+    errors = [e - t for t, e in onsets_s if t is not None and e is not None]
+    true = sum(t is not None for t, _ in onsets_s)
+    unfounded = sum(t is None and e is not None for t, e in onsets_s)
+    return OnsetScore(
+        true=true,
+        error_s=float(np.median(np.abs(errors))) if errors else None,
+        within=share_of([*(abs(e) <= ONSET_WITHIN_S for e in errors), *[False] * (true - len(errors))]),
+        missed=true - len(errors),
+        false_alarms=unfounded + sum(e < -EARLY_S for e in errors),
     )

@@ -16,8 +16,7 @@ from drivers.clock import to_ns
 from drivers.images import decode_stored, encode_jpeg
 from drivers.types import Frame, Image
 from fakes.studio.clips import ROLLER, ROLLER_TURN_DEG, TWO_BALLS, Clip, Scene, opposite, render_clip
-from rig.benchmark.estimators.contenders import unfiltered
-from rig.benchmark.estimators.scores import ContenderScore, score_all
+from rig.benchmark.estimators.contenders import ContenderScore, score_all, unfiltered
 from rig.experiments.lift_plan import derived_seed
 from rig.frames.estimates import estimate_frames
 from rig.results.scores import SeriesScore, score_series
@@ -234,19 +233,6 @@ CONDITIONS = (
 )
 
 
-@dataclass(frozen=True, slots=True)
-class StressTask:
-    """A task of one worker: all conditions of a group, for one contact and seed."""
-
-    group: str
-    contact: str
-    seed: int
-    names: tuple[str, ...] = NAMES
-
-    def __str__(self) -> str:
-        return f"stress: {self.group}, {self.contact}, seed {self.seed}"
-
-
 StressedClip = tuple[str, str, SeriesScore]  # condition, estimator, and the score on one clip
 
 
@@ -262,27 +248,25 @@ class StressRow:
     score: ContenderScore
 
 
-def stress_tasks(seed: int, names: tuple[str, ...] = NAMES) -> list[StressTask]:
-    """Return the pieces of work, the same for the same seed. names: of the estimators."""
-    work = dict.fromkeys((c.group, contact) for c in CONDITIONS for contact in c.contacts)
-    return [StressTask(group, contact, seed, names) for group, contact in work]
+def stress_tasks() -> list[tuple[str, str]]:
+    """Return the pieces of work: group of conditions, and contact."""
+    return list(dict.fromkeys((c.group, contact) for c in CONDITIONS for contact in c.contacts))
 
 
-def run_stress(task: StressTask) -> list[StressedClip]:
+def run_stress(seed: int, names: Sequence[str], task: tuple[str, str]) -> list[StressedClip]:
     """Score every estimator on the clips of a task, in a worker process."""
     cv2.setNumThreads(1)
+    group, contact = task
     scores = []
-    for condition in CONDITIONS:
-        if condition.group != task.group or task.contact not in condition.contacts:
-            continue
-        scene = Scene(task.contact, seed=task.seed, **condition.scene)
+    for condition in (c for c in CONDITIONS if c.group == group and contact in c.contacts):
+        scene = Scene(contact, seed=seed, **condition.scene)
         for shown in (scene, opposite(scene)) if condition.both_signs else (scene,):
-            rng = np.random.default_rng(derived_seed(task.seed, condition.name, task.contact))
+            rng = np.random.default_rng(derived_seed(seed, condition.name, contact))
             clip = condition.change(render_clip(shown), rng)
-            key = f"{task.contact.partition(':')[0]}/{task.contact} {shown.angle_deg:+.0f} deg"
-            for name in task.names:
+            key = f"{contact.partition(':')[0]}/{contact} {shown.angle_deg:+.0f} deg"
+            frames = [Frame(*of, 0, "") for of in zip(clip.frames, clip.time_ns, strict=True)]
+            for name in names:
                 estimator = unfiltered(clip.background, clip.aspect, (name,))[name]
-                frames = [Frame(*of, 0, "") for of in zip(clip.frames, clip.time_ns, strict=True)]
                 samples = list(estimate_frames(estimator, frames))
                 scores.append((condition.name, name, _series_score(key, samples, clip)))
     return scores

@@ -7,25 +7,16 @@ from pathlib import Path
 
 from drivers.errors import counted
 from protocols.grasps import TRIAL_OBJECTS
-from rig.benchmark.estimators.contenders import (
-    CONTENDERS,
-    PAPER,
-    LiftScores,
-    Spread,
-    TimingReport,
-    score_lift,
-    time_lifts,
-)
-from rig.benchmark.estimators.scores import ContenderScore, score_all
+from rig.benchmark.estimators import contenders
+from rig.benchmark.estimators.contenders import CONTENDERS, PAPER, ContenderScore, score_all
 from rig.benchmark.estimators.stress import NAMES, StressRow, run_stress, stress_rows, stress_tasks
-from rig.benchmark.harness import NONE, Report, Run, Study, Table, column, columns_of, machine, table_of
-from rig.benchmark.measured import Measured, at_least, at_most, between, informative
+from rig.benchmark.harness import Cell, Report, Run, Study, Table, machine, table_of
+from rig.benchmark.measured import NONE, Measured, at_least, at_most, between, informative
 from rig.config import BenchConfig, load_bench
 from rig.declared import option
 from rig.experiments.lift_plan import TrialSettings, stored_trial
 from rig.experiments.trial import run_trial
-from rig.results.metrics import HEADING, Mare, mare_text
-from rig.results.shares import Share
+from rig.results.metrics import HEADING, mare_text
 from rig.sessions.manifest import is_session
 from rig.sessions.records import Lift
 from rig.sessions.rows import read_finished_lifts
@@ -63,9 +54,9 @@ class EstimatorsResult:
     simulated: bool
     seed: int
     more: tuple[str, ...]  # additional estimators given by the user
-    lifts: Sequence[LiftScores]
+    lifts: Sequence[contenders.LiftScores]
     scores: dict[tuple[str, int], ContenderScore]  # by estimator and window, over all lifts
-    timing: TimingReport
+    timing: contenders.TimingReport
     stress: Sequence[StressRow]
 
     @property
@@ -92,36 +83,6 @@ class EstimatorsResult:
         frames = sum(lift.frames for lift in self.lifts)
         stages = dict.fromkeys(stage for lift in self.lifts for stage in lift.skipped)
         return {stage: sum(lift.skipped.get(stage, 0) for lift in self.lifts) / frames for stage in stages}
-
-
-@dataclass(frozen=True, slots=True)
-class EstimatorRow:
-    """One estimator with one window on all lifts; errors in degrees."""
-
-    estimator: str = column("estimator")
-    window: int = column("window", lambda n: NONE if n == 1 else str(n), "1: no filter")
-    ms: tuple[float, float] = column("ms per frame with contact: median, 99 %", ".2f")
-    mare: Mare | None = column("MARE, B and C", mare_text)
-    mare_b: Mare | None = column("MARE, B", mare_text)
-    held_deg: float | None = column(
-        "refused frames keep the last angle", ".2f", "MARE if a refused frame counts with the last angle"
-    )
-    elongated_deg: float | None = column("elongated", ".2f", "MARE of elongated objects")
-    worst: str = column("worst lift", doc="largest mean error of a lift, and the lift")
-    answered: float = column("answered", ".1%", "share of the frames")
-    within_two_sigma: float | None = column("within 2 sigma", ".1%", "share of the answers")
-    onset_ms: float | None = column("onset error, ms", ".0f", "median")
-    event_within: Share | None = column("event within 50 ms", doc="share of the true onsets")
-    false_events: int | None = column("false events")
-
-
-@dataclass(frozen=True, slots=True)
-class TimeRow:
-    """Run time of one stage, on frames with contact."""
-
-    estimator: str = column("estimator")
-    stage: str = column("stage")
-    spread: Spread = columns_of(Spread)
 
 
 def measure(options: EstimatorsOptions, run: Run) -> Report:
@@ -158,11 +119,14 @@ def compare(options: EstimatorsOptions, run: Run) -> EstimatorsResult:
     timed, step = min(TIMED_LIFTS, len(rows)), len(rows) // min(TIMED_LIFTS, len(rows)) // 2
     spread_out = [rows[i * len(rows) // timed + (i % 2) * step] for i in range(timed)]
     # Run time is measured first and alone, because worker processes would compete for the core.
-    timing = time_lifts(folder, spread_out, run.progress, names)
+    timing = contenders.time_lifts(folder, spread_out, run.progress, names)
     lifts = run.each(
-        partial(score_lift, folder, names), rows, lambda row: f"estimators on {row.object}/{row.lift}"
+        partial(contenders.score_lift, folder, names),
+        rows,
+        lambda row: f"estimators on {row.object}/{row.lift}",
     )
-    clips = run.each(run_stress, stress_tasks(run.seed, stressed))
+    disturbed = partial(run_stress, run.seed, stressed)
+    clips = run.each(disturbed, stress_tasks(), lambda of: f"stress: {of[0]}, {of[1]}, seed {run.seed}")
     return EstimatorsResult(
         session=folder,
         simulated=stored_trial(folder).manifest.simulated,
@@ -225,9 +189,8 @@ def judge(result: EstimatorsResult) -> list[Measured]:
     ours, timing = result.scores[DEFAULT_ESTIMATOR, 1], result.timing
     theirs_deg = result.scores[PAPER_BEST].mare_deg
     better = theirs_deg / ours.mare_deg if theirs_deg and ours.mare_deg else None
-    refused = [
-        1.0 - r.score.answered for r in result.stress if r.refused and r.estimator == DEFAULT_ESTIMATOR
-    ]
+    round_ones = [r for r in result.stress if r.refused and r.estimator == DEFAULT_ESTIMATOR]
+    refused = [1.0 - row.score.answered for row in round_ones]
     cost = timing.contenders[DEFAULT_ESTIMATOR].contact
     known = timing.size_px == FRAME_SIZE_PX and cost.count > 0
     faster = timing.published.p50_ms / cost.p50_ms if known else None
@@ -254,34 +217,42 @@ def estimator_table(result: EstimatorsResult) -> Table:
     rows = []
     for name, window in result.usual:
         score, cost = result.scores[name, window], result.timing.contenders[name].contact
-        row = EstimatorRow(
-            estimator=name,
-            window=window,
-            ms=(cost.p50_ms, cost.p99_ms),
-            mare=score.mare,
-            mare_b=score.mare_b,
-            held_deg=score.mare_held and score.mare_held.mean_deg,
-            elongated_deg=score.mare_elongated and score.mare_elongated.mean_deg,
-            worst=score.worst_text,
-            answered=score.answered,
-            within_two_sigma=score.within_two_sigma,
-            onset_ms=None if score.onset.error_s is None else 1e3 * score.onset.error_s,
-            event_within=score.event and score.event.within,
-            false_events=score.event and score.event.false_alarms,
-        )
+        held_deg = score.mare_held and score.mare_held.mean_deg
+        elongated_deg = score.mare_elongated and score.mare_elongated.mean_deg
+        onset_ms = None if score.onset.error_s is None else 1e3 * score.onset.error_s
+        held, event = "refused frames keep the last angle", score.event
+        within = event and event.within
+        row = [
+            Cell("estimator", name, "estimator"),
+            Cell("window", window, "window", lambda n: NONE if n == 1 else str(n), "1: no filter"),
+            Cell("ms", (cost.p50_ms, cost.p99_ms), "ms per frame with contact: median, 99 %", ".2f"),
+            Cell("mare", score.mare, "MARE, B and C", mare_text),
+            Cell("mare_b", score.mare_b, "MARE, B", mare_text),
+            Cell("held_deg", held_deg, held, ".2f", "MARE if a refused frame counts with the last angle"),
+            Cell("elongated_deg", elongated_deg, "elongated", ".2f", "MARE of elongated objects"),
+            Cell("worst", score.worst_text, "worst lift", "", "largest mean error of a lift, and the lift"),
+            Cell("answered", score.answered, "answered", ".1%", "share of the frames"),
+            Cell("within_two_sigma", score.within_two_sigma, "within 2 sigma", ".1%", "share of the answers"),
+            Cell("onset_ms", onset_ms, "onset error, ms", ".0f", "median"),
+            Cell("event_within", within, "event within 50 ms", "", "share of the true onsets"),
+            Cell("false_events", event and event.false_alarms, "false events"),
+        ]
         rows.append(row)
-    return table_of(title, EstimatorRow, rows)
+    return table_of(title, rows)
 
 
 def time_table(result: EstimatorsResult) -> Table:
     rows = []
-    for name, timing in result.timing.contenders.items():
-        rows.append(TimeRow(name, "frame in to angle out", timing.contact))
-        rows += [TimeRow("", stage, spread) for stage, spread in timing.stages.items()]
-    rows.append(TimeRow("published second stage", "mask to angle, full picture", result.timing.published))
+    for name, of in result.timing.contenders.items():
+        rows += [(name, "frame in to angle out", of.contact), *(("", *stage) for stage in of.stages.items())]
+    rows.append(("published second stage", "mask to angle, full picture", result.timing.published))
     width, height = result.timing.size_px
+    cells = [
+        [Cell("estimator", name, "estimator"), Cell("stage", stage, "stage"), Cell("spread", spread)]
+        for name, stage, spread in rows
+    ]
     title = f"Run time, one thread, {width} x {height} px, frames with contact"
-    return table_of(title, TimeRow, rows, left=2)
+    return table_of(title, cells, left=2)
 
 
 def stress_table(result: EstimatorsResult) -> Table:
@@ -319,11 +290,8 @@ def _notes(result: EstimatorsResult) -> list[str]:
         f"{name} {of.onset.within or NONE} within 50 ms, {of.onset.missed} of {of.onset.true} missed"
         for name, of in scores
     )
-    unsigned = (
-        f"{name} {_mean(of.mare_unsigned and of.mare_unsigned.mean_deg)}"
-        for name, of in scores
-        if "published" in name
-    )
+    script = [(name, of.mare_unsigned) for name, of in scores if "published" in name]
+    unsigned = (f"{name} {_mean(mare and mare.mean_deg)}" for name, mare in script)
     best, ours_deg = result.closest_of_paper, result.scores[DEFAULT_ESTIMATOR, 1].mare_deg
     theirs_deg = result.scores[best].mare_deg if best else None
     closest = "None of the paper's methods gave an answer."
@@ -352,12 +320,5 @@ def readme_section(result: EstimatorsResult, limits: Sequence[Measured]) -> str:
     return "\n".join([head, "", Table("", table.columns[:README_COLUMNS], rows).markdown(), "", verdict])
 
 
-STUDY = Study(
-    name="estimators",
-    options=EstimatorsOptions,
-    measure=measure,
-    cases="steps",
-    shared=("out", "readme", "jobs", "seed"),
-    keeps_results=True,
-    simulated=False,
-)
+SHARED = ("out", "readme", "jobs", "seed")
+STUDY = Study("estimators", EstimatorsOptions, measure, "steps", SHARED, keeps_results=True, simulated=False)

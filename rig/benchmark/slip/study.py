@@ -22,8 +22,8 @@ from drivers.errors import InputError, RigError
 from drivers.types import Image
 from rig.benchmark.clips.labelled import ClipVersion, clip_version, read_clips
 from rig.benchmark.clips.public import PACKAGED
-from rig.benchmark.clips.scores import JudgedLabel, run_clip, score
-from rig.benchmark.estimators.scores import score_all
+from rig.benchmark.clips.study import JudgedLabel, run_clip, score
+from rig.benchmark.estimators.contenders import score_all
 from rig.benchmark.harness import Report, Run, Study, limit_table, machine
 from rig.benchmark.measured import Measured, at_least, at_most, between, informative
 from rig.benchmark.renderer import LIFTS_PER_SEED, answer_lift

@@ -6,7 +6,6 @@ world, and not by what the rig reports.
 
 import math
 import os
-import random
 import resource
 import signal
 import socket
@@ -49,9 +48,9 @@ DASHBOARD_PORT = 29999
 POWER_S = 6.0
 
 Result = TypeVar("Result")
+Bench = TypeVar("Bench", bound="WireBench")
 Call = Callable[..., Mapping[str, Any]]
 """Function `call` of the side channel of running fakes (`rig.bench.fakes_process.fakes_control`)."""
-Bench = TypeVar("Bench", bound="WireBench")
 
 
 class Stage(StrEnum):
@@ -93,7 +92,7 @@ class After(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """An event."""
+    """Something that happens to the devices or to the program."""
 
     name: str
     after: After = After.NOTICED
@@ -102,6 +101,13 @@ class Event:
     disk_full: bool = False  # writing fails
     named: str = ""  # a word that the outcome of the lift has to contain
     mended_after: int = 1  # number of attempts that fail before a person mends it (a cable, a switch)
+
+
+def fault(
+    name: str, device: str, kind: str, after: After = After.NOTICED, named: str = "", **of: Any
+) -> Event:
+    """Return an event of one device. of: arguments of the fault."""
+    return Event(name, after, faults=((device, kind, of),), named=named or device)
 
 
 @dataclass(frozen=True, slots=True)
@@ -155,10 +161,6 @@ def as_real(bench: BenchConfig) -> BenchConfig:
     """Return a bench without [fakes], which counts as real and so must have the height of its table."""
     table = bench.table.model_copy(update={"top_m": TABLE_M})
     return bench.model_copy(update={"fakes": None, "table": table})
-
-
-def random_moment(stage: Stage, rng: random.Random) -> Moment:
-    return Moment(stage, rng.uniform(0.0, LASTS_S[stage]))
 
 
 def next_stage(stage: Stage | None, world: Mapping[str, Any], grasp_m: float) -> Stage | None:

@@ -11,6 +11,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import closing
 from dataclasses import asdict, dataclass
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -75,24 +76,26 @@ class MinuteRecordings:
     """
 
     def __init__(self, folder: Path) -> None:
-        self._folder, self._number = folder, 0
+        self._files = (BackgroundFile([folder / f"{number:06d}.mcap"]) for number in count(1))
         self._closer = ThreadPoolExecutor(1)
         self._closing: Future[None] | None = None
-        self._open()
-
-    def _open(self) -> None:
-        self._number += 1
-        self._file = BackgroundFile([self._folder / f"{self._number:06d}.mcap"])
+        self._file = next(self._files)
         self.recorder = LiftRecorder(self._file)
 
     def next_file(self) -> int:
         """Begin the next file; return the size of the last one, bytes. Raises `RecordingError`."""
+
+        def flush_and_delete(file: BackgroundFile) -> None:
+            file.close()
+            file.path.unlink()
+
         if self._closing is not None:
             self._closing.result()
         self.recorder.close()
         size = self._file.tell()
-        self._closing = self._closer.submit(_flush_and_delete, self._file)
-        self._open()
+        self._closing = self._closer.submit(flush_and_delete, self._file)
+        self._file = next(self._files)
+        self.recorder = LiftRecorder(self._file)
         return size
 
     def close(self) -> None:
@@ -100,11 +103,6 @@ class MinuteRecordings:
             self.next_file()
         finally:
             self._closer.shutdown()
-
-
-def _flush_and_delete(file: BackgroundFile) -> None:
-    file.close()
-    file.path.unlink()
 
 
 class StillContact(LiftObserver):
@@ -207,8 +205,8 @@ def measure(options: EnduranceOptions, run: Run) -> Report:
       rig benchmark endurance --hours 0.05 --json
 
     """
-    bench, count = load_bench("wire"), max(1, round(60.0 * options.hours))
-    minutes = measure_endurance(count, lambda number, of: run.progress(number, count, str(of)), bench)
+    bench, total = load_bench("wire"), max(1, round(60.0 * options.hours))
+    minutes = measure_endurance(total, lambda number, of: run.progress(number, total, str(of)), bench)
     limits = judge_endurance(minutes)
     return Report((), limits, "the contact at rest", figures={"minutes": [asdict(of) for of in minutes]})
 
@@ -216,15 +214,12 @@ def measure(options: EnduranceOptions, run: Run) -> Report:
 def judge_endurance(minutes: Sequence[Minute]) -> tuple[Measured, ...]:
     first, last = minutes[0], minutes[-1]
     wander_deg = [minute.wander_deg for minute in minutes]
+    farthest_deg = max(wander_deg) if np.isfinite(wander_deg).all() else None
     return (
         at_most("frames dropped", sum(minute.dropped for minute in minutes), 0),
         at_most("frames whose time jumped", sum(minute.jumped for minute in minutes), 0),
         informative("capture to angle, 99th percentile, ms", max(of.p99_ms for of in minutes)),
-        at_most(
-            "farthest angle from the first minute, deg",
-            max(wander_deg) if np.isfinite(wander_deg).all() else None,
-            WANDER_DEG,
-        ),
+        at_most("farthest angle from the first minute, deg", farthest_deg, WANDER_DEG),
         at_least("share of frames answered, worst minute", min(m.answered for m in minutes), ANSWERED),
         at_most("growth of memory since the first minute, MB", last.memory_mb - first.memory_mb, GROWN_MB),
         at_most("threads more than in the first minute", last.threads - first.threads, 0),

@@ -17,10 +17,10 @@ from drivers.clock import NS_PER_S
 from drivers.errors import DeviceError, InputError
 from drivers.interfaces import Arm
 from protocols.operator import Operator
-from rig.benchmark.harness import Report, Run, Study, column, table_of
-from rig.benchmark.measured import Measured, at_most
+from rig.benchmark.harness import Cell, Report, Run, Study, table_of
+from rig.benchmark.measured import at_most
 from rig.benchmark.wire import campaign
-from rig.benchmark.wire.campaign import Event, Moment, Stage, WireBench, standstill, strike
+from rig.benchmark.wire.campaign import Event, Moment, Stage, WireBench, fault, standstill, strike
 from rig.config import BenchConfig, load_bench
 from rig.declared import option
 from rig.experiments.lift_plan import TrialSettings
@@ -36,10 +36,6 @@ LATE = (Stage.HOLD, Stage.LOWER, Stage.RELEASE)
 """Stages in which a lift may be over before a failed device is missed."""
 
 
-def _case(name: str, device: str, kind: str, named: str = "", **arguments: Any) -> Event:
-    return Event(name, faults=((device, kind, arguments),), named=named or device)
-
-
 def _reconnect(name: str, kind: str) -> Event:
     """Return a fault of the arm that only shows when its sockets are opened again."""
     faults = (("arm", kind, {}), ("arm", "socket_dropped", {}))
@@ -47,32 +43,32 @@ def _reconnect(name: str, kind: str) -> Event:
 
 
 CASES = (
-    _case("arm: protective stop", "arm", "protective_stop", "protective stop"),
-    _case("arm: program killed", "arm", "program_killed", "program"),
-    _case("arm: stream frozen", "arm", "stream_frozen"),
-    _case("arm: stream repeats itself", "arm", "stream_frozen", repeat=True),
-    _case("arm: sockets dropped", "arm", "socket_dropped"),
-    _case("arm: silent peer", "arm", "silent"),
+    fault("arm: protective stop", "arm", "protective_stop", named="protective stop"),
+    fault("arm: program killed", "arm", "program_killed", named="program"),
+    fault("arm: stream frozen", "arm", "stream_frozen"),
+    fault("arm: stream repeats itself", "arm", "stream_frozen", repeat=True),
+    fault("arm: sockets dropped", "arm", "socket_dropped"),
+    fault("arm: silent peer", "arm", "silent"),
     _reconnect("arm: remote control off, then reconnect", "remote_control_off"),
     _reconnect("arm: recipe refused at reconnect", "recipe_refused"),
-    _case("gripper: silent", "gripper", "silent"),
-    _case("gripper: connection closed", "gripper", "disconnect"),
-    _case("gripper: power lost", "gripper", "power_lost"),
-    _case("gripper: fault 0x0D", "gripper", "fault", "0x0D", code=0x0D),
-    _case("gripper: fingers blocked", "gripper", "blocked"),
-    _case("gripper: fingers stuck, success reported", "gripper", "stuck"),
-    _case("gripper: success and position reported falsely", "gripper", "false_success"),
-    _case("gripper: fingers move too far", "gripper", "overshoot"),
-    _case("gripper: fingers drift open without a command", "gripper", "drift", "without a command"),
-    _case("gripper: garbage", "gripper", "garbage"),
-    _case("fingertip: frozen", "SIM-D0001", "freeze"),
-    _case("fingertip: no frames", "SIM-D0001", "drop"),
-    _case("fingertip: unplugged", "SIM-D0002", "disconnect"),
-    _case("fingertip: green frames", "SIM-D0001", "green"),
-    _case("fingertip: shifted frames", "SIM-D0001", "shift"),
-    _case("fingertip: truncated frames", "SIM-D0001", "truncate"),
-    _case("camera: frozen", "camera", "freeze", "SIM-C0001"),
-    _case("camera: unplugged", "camera", "disconnect", "SIM-C0001"),
+    fault("gripper: silent", "gripper", "silent"),
+    fault("gripper: connection closed", "gripper", "disconnect"),
+    fault("gripper: power lost", "gripper", "power_lost"),
+    fault("gripper: fault 0x0D", "gripper", "fault", named="0x0D", code=0x0D),
+    fault("gripper: fingers blocked", "gripper", "blocked"),
+    fault("gripper: fingers stuck, success reported", "gripper", "stuck"),
+    fault("gripper: success and position reported falsely", "gripper", "false_success"),
+    fault("gripper: fingers move too far", "gripper", "overshoot"),
+    fault("gripper: fingers drift open without a command", "gripper", "drift", named="without a command"),
+    fault("gripper: garbage", "gripper", "garbage"),
+    fault("fingertip: frozen", "SIM-D0001", "freeze"),
+    fault("fingertip: no frames", "SIM-D0001", "drop"),
+    fault("fingertip: unplugged", "SIM-D0002", "disconnect"),
+    fault("fingertip: green frames", "SIM-D0001", "green"),
+    fault("fingertip: shifted frames", "SIM-D0001", "shift"),
+    fault("fingertip: truncated frames", "SIM-D0001", "truncate"),
+    fault("camera: frozen", "camera", "freeze", named="SIM-C0001"),
+    fault("camera: unplugged", "camera", "disconnect", named="SIM-C0001"),
 )
 
 
@@ -85,34 +81,16 @@ def _short(outcomes: Sequence[str]) -> str:
     return "; then: ".join(parts) or "no fault was noticed"
 
 
-def _seconds(value: float | None) -> str:
-    return "never" if value is None else f"{value:.3f}"
-
-
-@dataclass(frozen=True, slots=True)
-class FaultRow:
-    """Result of a fault."""
-
-    number: int  # of its lift, from 1
-    stage: Stage  # of the lift at the fault
-    dropped: bool
-    fault: str = column("fault in mid-lift")
-    seen_s: float | None = column("detected, s", _seconds, "from the fault to the rig's stop")
-    safe_s: float | None = column("then still, s", _seconds, "from the rig's stop to standstill")
-    outcomes: tuple[str, ...] = column("outcome", _short)  # of the attempts that the fault ended
-    recovered: bool = column("next lift", lambda done: "done" if done else "not done")
-    passed: bool = column("", lambda passed: "passed" if passed else "FAILED")
-
-
 @dataclass(slots=True)
 class FaultyLift:
-    """A lift with a fault.
+    """A lift with a fault. number: of the lift, from 1.
 
     The times are of the bench's clock, in ns: of the fault, of the rig's first stop command to the arm after
     it, and of the simulated tool's standstill after that; 0 if it has not happened.
     """
 
     case: Event
+    number: int = 1
     stage: Stage | None = None  # of the lift at the fault
     dropped: bool = False  # whether the object fell
     injected_ns: int = 0
@@ -132,19 +110,25 @@ class FaultyLift:
         named = any(self.case.named.lower() in fault.lower() for fault in self.faults)
         return named and 0 < self.detected_ns and self.still_ns - self.detected_ns <= SAFE_WITHIN_S * NS_PER_S
 
-    def row(self, number: int) -> FaultRow:
-        seen = bool(self.detected_ns)
-        return FaultRow(
-            number=number,
-            fault=self.case.name,
-            stage=self.stage or MID_LIFT.stage,
-            seen_s=(self.detected_ns - self.injected_ns) / NS_PER_S if seen else None,
-            safe_s=max(0, self.still_ns - self.detected_ns) / NS_PER_S if seen else None,
-            dropped=self.dropped,
-            outcomes=tuple(self.faults),
-            recovered=self.recovered,
-            passed=self.passed,
-        )
+    def row(self) -> list[Cell]:
+        def seconds(from_ns: int, until_ns: int) -> float | None:
+            return max(0, until_ns - from_ns) / NS_PER_S if self.detected_ns else None
+
+        def show(value: float | None) -> str:
+            return "never" if value is None else f"{value:.3f}"
+
+        seen_s, safe_s = seconds(self.injected_ns, self.detected_ns), seconds(self.detected_ns, self.still_ns)
+        return [
+            Cell("number", self.number, None),
+            Cell("stage", self.stage or MID_LIFT.stage, None),
+            Cell("dropped", self.dropped, None),
+            Cell("fault", self.case.name, "fault in mid-lift"),
+            Cell("seen_s", seen_s, "detected, s", show, "from the fault to the rig's stop"),
+            Cell("safe_s", safe_s, "then still, s", show, "from the rig's stop to standstill"),
+            Cell("outcomes", tuple(self.faults), "outcome", _short),  # of the attempts that the fault ended
+            Cell("recovered", self.recovered, "next lift", lambda done: "done" if done else "not done"),
+            Cell("passed", self.passed, "", lambda passed: "passed" if passed else "FAILED"),
+        ]
 
     def note_stop(self, over: threading.Event, now_ns: int) -> None:
         """Note the first stop after the fault. After an earlier stop the fault waits for the next attempt."""
@@ -157,15 +141,15 @@ class FaultyLift:
 def run_faults(
     folder: Path,
     cases: Sequence[Event],
-    progress: Callable[[FaultRow], None] = lambda row: None,
+    progress: Callable[[FaultyLift], None] = lambda lift: None,
     bench: BenchConfig | None = None,
-) -> list[FaultRow]:
+) -> list[FaultyLift]:
     """Run a trial with one lift per case, each with its fault in mid-lift, stored in `folder`.
 
     bench: whose fakes are started, by default `wire`. Raises `DeviceError` unless each case's lift is
     whole on disk in the end.
     """
-    lifts = [FaultyLift(case) for case in cases]
+    lifts = [FaultyLift(case, number) for number, case in enumerate(cases, start=1)]
     attempts: list[FaultyLift] = []
 
     def note(done: int, total: int, row: Lift) -> None:
@@ -173,7 +157,7 @@ def run_faults(
         attempts.append(lift)
         if row.accepted:
             lift.recovered = bool(lift.injected_ns) and not lift.given_up
-            progress(lift.row(row.lift))
+            progress(lift)
         elif lift.injected_ns and row.fault is not None:
             lift.faults.append(row.fault)
 
@@ -184,7 +168,7 @@ def run_faults(
     kept = read_usable_lifts(folder, checked=True).lifts
     if len(kept) != len(cases):
         raise DeviceError(f"faults: {len(kept)} of {len(cases)} finished lifts are whole on disk in {folder}")
-    return [lift.row(number) for number, lift in enumerate(lifts, start=1)]
+    return lifts
 
 
 def run_to_the_end(run: Callable[..., object], attempts: list[FaultyLift]) -> None:
@@ -298,22 +282,18 @@ def measure(options: FaultsOptions, run: Run) -> Report:
         names = ", ".join(case.name for case in CASES)
         raise InputError(f"no case contains {' or '.join(options.cases or [])}; cases are: {names}")
 
-    def show(row: FaultRow) -> None:
-        text = "; then: ".join(row.outcomes) or "no fault was noticed"
-        run.progress(row.number, len(wanted), f"{row.fault}: {text}")
+    def show(lift: FaultyLift) -> None:
+        text = "; then: ".join(lift.faults) or "no fault was noticed"
+        run.progress(lift.number, len(wanted), f"{lift.case.name}: {text}")
 
-    rows = run_faults(run.results_folder, wanted, show, bench)
+    lifts = run_faults(run.results_folder, wanted, show, bench)
     title = f"SIMULATED bench '{bench.name}': from the fault to the rig's stop, from there to standstill"
-    return Report((table_of(title, FaultRow, rows, left=6),), judge_faults(rows), "the rig")
-
-
-def judge_faults(rows: Sequence[FaultRow]) -> tuple[Measured, ...]:
-    """Return the limits. Whether finished lifts are whole on disk was checked by `run_faults`."""
-    return (
-        at_most("objects dropped", sum(row.dropped for row in rows), 0),
-        at_most("lifts after a fault that did not run", sum(not row.recovered for row in rows), 0),
-        at_most("faults not seen, not named or not made safe", sum(not row.passed for row in rows), 0),
+    limits = (
+        at_most("objects dropped", sum(lift.dropped for lift in lifts), 0),
+        at_most("lifts after a fault that did not run", sum(not lift.recovered for lift in lifts), 0),
+        at_most("faults not seen, not named or not made safe", sum(not lift.passed for lift in lifts), 0),
     )
+    return Report((table_of(title, [lift.row() for lift in lifts], left=6),), limits, "the rig")
 
 
 STUDY = Study("faults", FaultsOptions, measure, "faults", shared=("out",), keeps_results=True)

@@ -33,7 +33,7 @@ from rig.sessions.rows import read_finished_lifts, read_rows
 from rig.sessions.timing import LIFT_TIMINGS
 from rig.tactile.estimators import choose_estimator
 
-LEAST_STATE_HZ, MOST_CONTROLLER_CORE = 490.0, 0.25
+LEAST_STATE_HZ, MOST_CORE = 490.0, 0.25
 TRUTHS_APART_DEG = 1.5
 """Largest difference of the same seed's true turns: creep and slip depend on the exact times of motions."""
 SPREADS = 2.0  # largest difference of the error from its mean over the seeds, in standard deviations
@@ -107,7 +107,7 @@ def measure(options: WireOptions, run: Run) -> Report:
         f"{len(lift.errors_deg)} seeds",
     )
     return Report(
-        tables=(table_of("SIMULATED bench 'wire': frames of one lift", StreamRow, lift.streams),),
+        tables=(table_of("SIMULATED bench 'wire': frames of one lift", lift.streams),),
         limits=judge_wire(lift),
         limits_of="the lift",
         notes=notes,
@@ -129,9 +129,7 @@ def judge_wire(lift: WireLift) -> tuple[Measured, ...]:
     return (
         at_most("frames served that are not in the recording", sum(of.missing for of in lift.streams), 0),
         at_least("states a second that the arm's driver received", lift.state_hz, LEAST_STATE_HZ),
-        at_most(
-            "share of a core used by the simulated controller", lift.controller_core, MOST_CONTROLLER_CORE
-        ),
+        at_most("share of a core used by the simulated controller", lift.controller_core, MOST_CORE),
         at_most("outcomes other than that in this process", row.outcome is not same.outcome, 0),
         at_most("difference of the true turn from that in this process, deg", turn_deg, TRUTHS_APART_DEG),
         at_most("difference of the error from its mean over seeds, deg", error_deg, SPREADS * spread_deg),

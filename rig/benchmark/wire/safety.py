@@ -19,10 +19,10 @@ from pathlib import Path
 
 from drivers.errors import DeviceError, InputError, RigError
 from protocols.readiness import make_ready
-from rig.benchmark.harness import NONE, Report, Run, Study, Table
-from rig.benchmark.measured import Measured, at_most, informative
+from rig.benchmark.harness import Report, Run, Study, Table
+from rig.benchmark.measured import NONE, Measured, at_most, informative
 from rig.benchmark.wire import campaign
-from rig.benchmark.wire.campaign import After, Event, PlannedRun, Stage, WireBench
+from rig.benchmark.wire.campaign import LASTS_S, After, Event, Moment, PlannedRun, Stage, WireBench, fault
 from rig.config import BenchConfig
 from rig.config.write import write_bench
 from rig.declared import option
@@ -41,10 +41,6 @@ def _signal(name: str, number: signal.Signals, after: After = After.SAFE_END, ti
     return Event(name, after, (number,) * times)
 
 
-def _fault(name: str, after: After, device: str, kind: str) -> Event:
-    return Event(name, after, faults=((device, kind, {}),))
-
-
 EVENTS = (
     _signal("Ctrl-C", signal.SIGINT),
     _signal("Ctrl-C twice", signal.SIGINT, After.STAYS, times=2),
@@ -53,15 +49,15 @@ EVENTS = (
     _signal("SIGQUIT", signal.SIGQUIT),
     _signal("kill -9", signal.SIGKILL, After.STAYS),
     _signal("SIGSTOP", signal.SIGSTOP, After.STAYS),
-    _fault("protective stop", After.STAYS, "arm", "protective_stop"),
-    _fault("emergency stop", After.STAYS, "arm", "emergency_stop"),
-    _fault("gripper lost", After.NOTICED, "gripper", "disconnect"),
-    _fault("fingertip lost", After.NOTICED, "SIM-D0001", "disconnect"),
-    _fault("camera lost", After.NOTICED, "camera", "disconnect"),
-    _fault("fingers blocked", After.FINGERS, "gripper", "blocked"),
-    _fault("fingers stuck", After.FINGERS, "gripper", "stuck"),
-    _fault("false success", After.FINGERS, "gripper", "false_success"),
-    _fault("fingers overshoot", After.FINGERS, "gripper", "overshoot"),
+    fault("protective stop", "arm", "protective_stop", After.STAYS),
+    fault("emergency stop", "arm", "emergency_stop", After.STAYS),
+    fault("gripper lost", "gripper", "disconnect"),
+    fault("fingertip lost", "SIM-D0001", "disconnect"),
+    fault("camera lost", "camera", "disconnect"),
+    fault("fingers blocked", "gripper", "blocked", After.FINGERS),
+    fault("fingers stuck", "gripper", "stuck", After.FINGERS),
+    fault("false success", "gripper", "false_success", After.FINGERS),
+    fault("fingers overshoot", "gripper", "overshoot", After.FINGERS),
     Event("disk full", After.NOTICED, disk_full=True),
 )
 BY_NAME = {event.name: event for event in EVENTS}
@@ -78,7 +74,7 @@ def plan_runs(seed: int, full: bool) -> list[PlannedRun]:
         cells = list(zip(EVENTS, stages, strict=True))
     rng.shuffle(cells)
     return [
-        PlannedRun(number, event, campaign.random_moment(stage, rng))
+        PlannedRun(number, event, Moment(stage, rng.uniform(0.0, LASTS_S[stage])))
         for number, (event, stage) in enumerate(cells, start=1)
     ]
 
@@ -106,8 +102,7 @@ class SafetyRun:
             return self.ended == -signal.SIGKILL
         return self.ended in (0, 1, 2, 3) and self.said.startswith("rig: ") == bool(self.ended)
 
-    @property
-    def line(self) -> str:
+    def __str__(self) -> str:
         stood = f"stood after {self.still_s:.2f} s, {self.way_mm:.1f} mm"
         wrong = {
             "DROPPED": self.dropped,
@@ -116,9 +111,8 @@ class SafetyRun:
             f"ended with {self.ended}: {self.said}": not self.ended_well,
             f"not in order: {self.ready}": self.ready,
         }
-        return "; ".join(
-            [f"{self.event}, {self.stage}: {stood}", *(text for text, so in wrong.items() if so)]
-        )
+        found = [text for text, so in wrong.items() if so]
+        return "; ".join([f"{self.event}, {self.stage}: {stood}", *found])
 
 
 def run_safety(run: Run, plan: Sequence[PlannedRun], bench: BenchConfig | None = None) -> list[SafetyRun]:
@@ -137,7 +131,7 @@ def run_safety(run: Run, plan: Sequence[PlannedRun], bench: BenchConfig | None =
             SafetyRun,
             workers=1,
             common=common,
-            finish=lambda _, done: done.line,
+            finish=lambda _, done: str(done),
         )
 
 
@@ -194,15 +188,13 @@ class _Place:
                     f"safety: {planned} ended too early: {campaign.wait_for_end(program, END_S)}"
                 )
             event_ns = campaign.strike(event, call, program)
-            if signal.SIGSTOP in event.signals:
-                campaign.let_pass(call, STOPPED_S)
-                track = campaign.read_track(call, event_ns)
+            stopped = signal.SIGSTOP in event.signals
+            said = "" if stopped else campaign.wait_for_end(program, END_S)
+            campaign.let_pass(call, STOPPED_S if stopped else SETTLE_S)
+            track = campaign.read_track(call, event_ns)
+            if stopped:
                 program.send_signal(signal.SIGCONT)
                 said = campaign.wait_for_end(program, END_S)
-            else:
-                said = campaign.wait_for_end(program, END_S)
-                campaign.let_pass(call, SETTLE_S)
-                track = campaign.read_track(call, event_ns)
         stop = campaign.standstill(track, event_ns)
         return SafetyRun(
             number=planned.number,

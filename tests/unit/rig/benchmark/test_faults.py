@@ -11,15 +11,7 @@ from drivers.errors import DeviceError, InputError
 from rig.benchmark.harness import Run
 from rig.benchmark.wire import faults
 from rig.benchmark.wire.campaign import Stage
-from rig.benchmark.wire.faults import (
-    CASES,
-    FaultRow,
-    FaultsOptions,
-    FaultyLift,
-    judge_faults,
-    measure,
-    run_to_the_end,
-)
+from rig.benchmark.wire.faults import CASES, FaultsOptions, FaultyLift, measure, run_to_the_end
 
 
 def trial_that_fails(at: list[int], attempts: list[FaultyLift]) -> Callable[[bool], None]:
@@ -42,30 +34,28 @@ def test_trial_continues_after_a_failed_case() -> None:
     assert all(lift.given_up and not lift.passed for lift in attempts)
 
 
-def test_benchmark_ends_if_no_lift_works() -> None:
+TWICE_BROKEN = next(case for case in CASES if case.mended_after == 2)
+
+
+def test_benchmark_ends_if_no_lift_works_or_the_bench_stays_unreachable() -> None:
     attempts: list[FaultyLift] = []
     with pytest.raises(DeviceError, match="in a row"):
         run_to_the_end(trial_that_fails([1, 1, 1], attempts), attempts)
     assert len(attempts) == 6
 
-
-def test_benchmark_ends_if_the_bench_stays_unreachable() -> None:
-    attempts: list[FaultyLift] = []
-
     def run(resume: bool) -> None:
         if not resume:
-            attempts.extend([FaultyLift(next(case for case in CASES if case.mended_after == 2))] * 3)
+            unreachable.extend([FaultyLift(TWICE_BROKEN)] * 3)
         raise DeviceError("remote control is off")
 
+    unreachable: list[FaultyLift] = []
     with pytest.raises(DeviceError, match="remote control is off"):
-        run_to_the_end(run, attempts)
-    assert len(attempts) == 3
+        run_to_the_end(run, unreachable)
+    assert len(unreachable) == 3
 
 
 def test_repaired_case_gets_further_attempts() -> None:
-    case = FaultyLift(next(case for case in CASES if case.mended_after == 2))
-    attempts: list[FaultyLift] = []
-    over = iter([False, True])
+    case, attempts, over = FaultyLift(TWICE_BROKEN), list[FaultyLift](), iter([False, True])
 
     def run(resume: bool) -> None:
         attempts.extend([case] * 3)
@@ -87,7 +77,7 @@ def test_first_stop_after_a_fault_is_its_detection_time() -> None:
     result, over = FaultyLift(CASES[0], injected_ns=to_ns(1.0)), threading.Event()
     for at_s in (1.2, 1.4):
         result.note_stop(over, to_ns(at_s))
-    assert result.row(1).seen_s == pytest.approx(0.2)
+    assert seconds(result)[0] == pytest.approx(0.2)
     assert not over.is_set()
 
 
@@ -97,50 +87,57 @@ def test_case_names_are_unique_and_cover_every_device() -> None:
     assert {name.partition(":")[0] for name in names} == {"arm", "gripper", "fingertip", "camera"}
 
 
-def row(**changes: object) -> FaultRow:
+def seconds(lift: FaultyLift) -> list[float]:
+    return [cell.value for cell in lift.row() if cell.name in ("seen_s", "safe_s")]
+
+
+def lift(**changes: object) -> FaultyLift:
     found = FaultyLift(CASES[0], stage=Stage.LIFT, faults=["arm: protective stop"], recovered=True)
     found.injected_ns, found.detected_ns, found.still_ns = to_ns(1.0), to_ns(1.2), to_ns(1.3)
     for name, value in changes.items():
         setattr(found, name, value)
-    return found.row(1)
+    return found
 
 
-def test_fault_passes_only_if_detected_named_made_safe_and_recovered() -> None:
-    good = row()
-    assert (good.seen_s, good.safe_s, good.passed) == (pytest.approx(0.2), pytest.approx(0.1), True)
-    assert not row(faults=["DeviceError: gripper"]).passed
-    assert not row(still_ns=to_ns(2.5)).passed
-    assert not row(recovered=False).passed
-    assert not row(dropped=True).passed
-    unseen = {"faults": [], "detected_ns": 0}
-    assert not row(**unseen).passed
-    assert row(**unseen, stage=Stage.RELEASE).passed
-    missed = {
-        limit.name for limit in judge_faults([good, row(dropped=True, recovered=False)]) if not limit.met
-    }
-    assert len(missed) == 3
-    assert all(limit.met for limit in judge_faults([good]))
+UNSEEN = {"faults": [], "detected_ns": 0}
 
 
-def test_each_fault_once_has_a_row_with_times_and_outcome(
+@pytest.mark.parametrize(
+    ("changes", "passed"),
+    [
+        ({}, True),
+        ({"faults": ["DeviceError: gripper"]}, False),
+        ({"still_ns": to_ns(2.5)}, False),
+        ({"recovered": False}, False),
+        ({"dropped": True}, False),
+        (UNSEEN, False),
+        (UNSEEN | {"stage": Stage.RELEASE}, True),
+    ],
+)
+def test_fault_passes_only_if_detected_named_made_safe_and_recovered(
+    changes: dict[str, object], passed: bool
+) -> None:
+    assert lift(**changes).passed is passed
+
+
+def test_each_fault_has_a_row_with_times_and_outcome_and_counts_for_limits(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     outcome = "DeviceError: arm: protective stop; look at it [stopped where it was (no way), nothing held]"
-    unseen = row(faults=[], detected_ns=0)
-    monkeypatch.setattr(faults, "run_faults", lambda *_: [row(faults=[outcome]), unseen])
+    lifts = [lift(faults=[outcome]), lift(**UNSEEN), lift(dropped=True, recovered=False)]
+    monkeypatch.setattr(faults, "run_faults", lambda *_: lifts)
     report = measure(FaultsOptions(["arm"]), Run(folder=tmp_path))
-    assert report.tables[0].rows == [
-        (
-            "arm: protective stop",
-            "0.200",
-            "0.100",
-            "DeviceError: arm: protective stop (stopped where it was)",
-            "done",
-            "passed",
-        ),
-        ("arm: protective stop", "never", "never", "no fault was noticed", "done", "FAILED"),
-    ]
-    assert [limit.value for limit in report.limits] == [0, 0, 1]
+    seen, unseen, fallen = report.tables[0].rows
+    said = "DeviceError: arm: protective stop (stopped where it was)"
+    assert seen == ("arm: protective stop", "0.200", "0.100", said, "done", "passed")
+    assert unseen == ("arm: protective stop", "never", "never", "no fault was noticed", "done", "FAILED")
+    assert fallen[-2:] == ("not done", "FAILED")
+    records = report.tables[0].records
+    assert [of["seen_s"] for of in records] == [pytest.approx(0.2), None, pytest.approx(0.2)]
+    assert (records[0]["number"], records[0]["stage"], records[2]["dropped"]) == (1, Stage.LIFT, True)
+    assert [limit.value for limit in report.limits] == [1, 1, 2]
+    monkeypatch.setattr(faults, "run_faults", lambda *_: lifts[:1])
+    assert all(limit.met for limit in measure(FaultsOptions(["arm"]), Run(folder=tmp_path)).limits)
 
 
 def test_unknown_case_is_refused() -> None:

@@ -7,10 +7,11 @@ from typing import Annotated
 
 import pytest
 import typer
+from click.testing import Result
 from typer.testing import CliRunner
 
 from drivers.errors import InputError
-from rig.benchmark.harness import RESULTS, Report, Run, Study, column, table_of
+from rig.benchmark.harness import RESULTS, Cell, Report, Run, Study, column, table_of
 from rig.benchmark.measured import at_most
 from rig.cli.benchmark import STUDIES, benchmark, command_of
 
@@ -41,7 +42,7 @@ def square(number: int) -> Square:
 def measure(options: SquareOptions, run: Run) -> Report:
     """Square numbers."""
     rows = run.each(square, range(options.count), stored=Square)
-    table = table_of("Squares", Square, rows)
+    table = table_of("Squares", rows)
     limits = (at_most("largest square", max(row.square or 0.0 for row in rows), options.limit),)
     files: dict[str, str | bytes] = {"count.txt": str(len(rows)), "count.bin": bytes([len(rows)])}
     return Report((table,), limits, "squares", section=table.markdown(), files=files)
@@ -51,10 +52,28 @@ STUDY = Study("squares", SquareOptions, measure, "numbers", ("out", "resume", "r
 
 
 def test_table_shows_declared_columns_only() -> None:
-    table = table_of("Squares", Square, [square(2), Square(3, None)])
+    table = table_of("Squares", [square(2), Square(3, None)])
     assert table.columns == ("number", "its square")
     assert table.rows == [("2", "4.0"), ("3", "-")]
+    assert table.legend == (("its square", "of the number"),)
     assert table.markdown().splitlines()[0] == "| number | its square |"
+
+
+def test_row_of_cells_contains_dataclasses_and_optional_columns() -> None:
+    def row(root: float | None) -> list[Cell]:
+        pair = Cell("pair", (1.0, 2.0), "pair", ".1f")
+        return [
+            pair,
+            Cell("more", root, "root", ".1f", optional=True),
+            Cell("of", square(2)),
+            Cell("n", 7, None),
+        ]
+
+    table = table_of("Squares", [row(None), row(2.0)])
+    assert table.columns == ("pair", "root", "number", "its square")
+    assert table.rows == [("1.0, 2.0", "-", "2", "4.0"), ("1.0, 2.0", "2.0", "2", "4.0")]
+    assert table.records[0] == {"pair": (1.0, 2.0), "more": None, "of": square(2), "n": 7}
+    assert table_of("Squares", [row(None)]).columns == ("pair", "number", "its square")
 
 
 @pytest.mark.parametrize("jobs", [1, 2])
@@ -74,21 +93,13 @@ def test_interrupted_run_resumes_with_missing_cases(tmp_path: Path) -> None:
     assert done == ["3"]
 
 
-def test_stored_results_are_not_overwritten_without_resume(tmp_path: Path) -> None:
-    Run(jobs=1, folder=tmp_path).each(square, [1], stored=Square)
-    with pytest.raises(InputError, match="holds 1 result; continue with --resume"):
-        Run(jobs=1, folder=tmp_path).each(square, [1], stored=Square)
-
-
-def test_results_with_another_beginning_are_not_continued(tmp_path: Path) -> None:
+def test_results_of_other_runs_are_not_overwritten_or_continued(tmp_path: Path) -> None:
     run = Run(jobs=1, folder=tmp_path, resume=True)
     run.each(square, [1], lambda number: f"seed 0, {number}", Square, common="seed 0, ")
+    with pytest.raises(InputError, match="holds 1 result; continue with --resume"):
+        Run(jobs=1, folder=tmp_path).each(square, [1], stored=Square)
     with pytest.raises(InputError, match=r"'seed 0, 1'.*'seed 1, '; continue with the options"):
         run.each(square, [1], lambda number: f"seed 1, {number}", Square, common="seed 1, ")
-
-
-def test_results_of_another_version_are_not_continued(tmp_path: Path) -> None:
-    run = Run(jobs=1, folder=tmp_path, resume=True)
     (tmp_path / RESULTS).write_text('{"case": "1", "result": {"number": 1, "root": 1.0}}\n')
     with pytest.raises(InputError, match=r"another command or version .*; give another folder"):
         run.each(square, [1], stored=Square)
@@ -109,9 +120,9 @@ def test_finished_case_is_passed_on_before_it_is_stored(tmp_path: Path) -> None:
     assert notes == ["2: 4, 0 before", "3: 9, 1 before"]
 
 
-def run_command(*arguments: str) -> object:
+def run_command(*arguments: str, **changes: object) -> Result:
     app = typer.Typer()
-    app.command()(command_of(STUDY))
+    app.command()(command_of(replace(STUDY, **changes)))  # type: ignore[arg-type]
     return CliRunner().invoke(app, [*arguments, "--jobs", "1"])
 
 
@@ -120,8 +131,8 @@ def test_command_prints_one_json_object_and_writes_files(tmp_path: Path) -> None
     document.write_text("<!-- rig benchmark squares: begin -->\nold\n<!-- rig benchmark squares: end -->\n")
     out = tmp_path / "out"
     result = run_command("--count", "2", "--json", "--out", str(out), "--readme", str(document))
-    assert result.exit_code == 0, result.output  # type: ignore[attr-defined]
-    values = json.loads(result.stdout)  # type: ignore[attr-defined]
+    assert result.exit_code == 0, result.output
+    values = json.loads(result.stdout)
     assert values["options"] == {"count": 2, "limit": 100.0}
     assert values["tables"][0]["rows"][1] == {"number": 1, "square": 1.0, "parity": "odd"}
     assert values["limits"][0]["met"] is True
@@ -133,14 +144,12 @@ def test_command_prints_one_json_object_and_writes_files(tmp_path: Path) -> None
 
 def test_command_ends_with_exit_code_4_if_a_limit_is_missed() -> None:
     result = run_command("--limit", "1")
-    assert result.exit_code == 4  # type: ignore[attr-defined]
-    assert "limit missed: largest square: 4, required at most 1" in result.stderr  # type: ignore[attr-defined]
+    assert result.exit_code == 4
+    assert "limit missed: largest square: 4, required at most 1" in result.stderr
 
 
 def test_resume_needs_a_folder_if_results_are_kept() -> None:
-    app = typer.Typer()
-    app.command()(command_of(replace(STUDY, keeps_results=True)))
-    result = CliRunner().invoke(app, ["--resume"])
+    result = run_command("--resume", keeps_results=True)
     assert isinstance(result.exception, InputError)
     assert "--resume continues the run in --out: give its folder" in str(result.exception)
 

@@ -101,9 +101,7 @@ def test_clips_are_made_in_the_cache_with_the_pixels_of_the_commit(
     assert np.array_equal(movie.background, source[0])
 
 
-def test_work_tree_bare_clone_and_later_commit_give_the_same_clips(
-    tiny: PublicSet, clone: Path, tmp_path: Path
-) -> None:
+def test_only_other_labels_give_another_folder(tiny: PublicSet, clone: Path, tmp_path: Path) -> None:
     folder = make_clips(tiny, clone)
     later = tmp_path / "later"
     git(tmp_path, "clone", "-q", str(clone), str(later))
@@ -111,16 +109,11 @@ def test_work_tree_bare_clone_and_later_commit_give_the_same_clips(
     git(later, "commit", "-qam", "changes a file")
     git(tmp_path, "clone", "-q", "--bare", str(later), str(tmp_path / "bare.git"))
     for other in (later, tmp_path / "bare.git", later / ".git"):
-        made = make_clips(tiny, other)
-        assert made == folder
-
-
-def test_other_labels_make_another_folder(tiny: PublicSet, clone: Path) -> None:
-    before = make_clips(tiny, clone)
+        assert make_clips(tiny, other) == folder
     tiny.labels.write_text(LABELS.replace(",12,1", ",13,1"))
-    after = make_clips(tiny, clone)
-    assert after != before
-    assert read_clips(after)[0].labels[-1].angle_deg == 13.0
+    changed = make_clips(tiny, clone)
+    assert changed != folder
+    assert read_clips(changed)[0].labels[-1].angle_deg == 13.0
 
 
 def test_wrong_folders_and_commits_are_rejected_with_the_command_that_helps(
@@ -155,28 +148,23 @@ def test_changed_file_is_rejected_even_if_clips_are_in_the_cache(
         make_clips(replace(tiny, commit=git(other, "rev-parse", "HEAD")), other)
 
 
-def test_missing_git_is_named(tiny: PublicSet, clone: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("PATH", "")
-    with pytest.raises(InputError, match="git was not found"):
-        make_clips(tiny, clone)
-
-
-def test_repository_of_the_environment_is_not_used(
-    tiny: PublicSet, clone: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+@pytest.mark.parametrize(
+    ("variable", "value", "message"),
+    [
+        ("PATH", "", "git was not found"),
+        ("GIT_DIR", "{clone}/.git", "not a git repository"),  # the repository of the environment is not used
+        ("XDG_CACHE_HOME", "{folder}/file", "set XDG_CACHE_HOME to a writable folder"),
+    ],
+)
+def test_unsuitable_environment_is_named(
+    tiny: PublicSet, clone: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, variable: str, value: str,
+    message: str,
+) -> None:  # fmt: skip
     (tmp_path / "plain").mkdir()
-    monkeypatch.setenv("GIT_DIR", str(clone / ".git"))
-    with pytest.raises(InputError, match="not a git repository"):
-        make_clips(tiny, tmp_path / "plain")
-
-
-def test_unwritable_cache_is_named(
-    tiny: PublicSet, clone: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
     (tmp_path / "file").touch()
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
-    with pytest.raises(InputError, match="set XDG_CACHE_HOME to a writable folder"):
-        make_clips(tiny, clone)
+    monkeypatch.setenv(variable, value.format(clone=clone, folder=tmp_path))
+    with pytest.raises(InputError, match=message):
+        make_clips(tiny, tmp_path / "plain" if variable == "GIT_DIR" else clone)
 
 
 def test_command_scores_the_set_and_prints_its_row_of_the_readme(
@@ -212,19 +200,13 @@ def test_packaged_labels_have_sources_with_hashes(name: str, clips: int, labels:
 
 
 def test_packaged_labels_are_the_measured_ones(real_data: Path) -> None:
-    for name, folder in (
-        ("octopi", "rotation_clips"),
-        ("digit-edges", "real_turns"),
-        ("gripper-slips", "real_turns"),
-    ):
-        measured = list(csv.DictReader((real_data / folder / "labels.csv").read_text().splitlines()))
-        packaged = list(csv.DictReader(SETS[name].labels.read_text().splitlines()))
+    folders = {"octopi": "rotation_clips", "digit-edges": "real_turns", "gripper-slips": "real_turns"}
+    for name, folder in folders.items():
+        measured = csv.DictReader((real_data / folder / "labels.csv").read_text().splitlines())
         by_frame = {(row["clip"], row["keyframe"]): row for row in measured}
-        for row in packaged:
-            same = set(row) - {"group"}
-            assert {key: row[key] for key in same} == {
-                key: by_frame[row["clip"], row["keyframe"]][key] for key in same
-            }
+        for row in csv.DictReader(SETS[name].labels.read_text().splitlines()):
+            found = by_frame[row["clip"], row["keyframe"]]
+            assert all(found[key] == row[key] for key in set(row) - {"group"})
 
 
 @pytest.fixture
@@ -240,34 +222,26 @@ def cloned(folder: Path, of: PublicSet) -> Path:
     return folder / of.repository.replace("/", "+") / "repo"
 
 
-@pytest.mark.parametrize("name", ["digit-edges", "gripper-slips"])
+@pytest.mark.parametrize("name", SETS)
 def test_real_clones_give_the_labelled_frames(
-    name: str, real_clones: Path, real_data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+    name: str, real_clones: Path, real_clips: Path, real_data: Path, tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:  # fmt: skip
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    folder = make_clips(SETS[name], cloned(real_clones, SETS[name]))
-    clips = sorted(folder.iterdir())
+    clips = sorted(make_clips(SETS[name], cloned(real_clones, SETS[name])).iterdir())
     assert clips
     for clip in clips:
-        labelled = real_data / "real_turns" / clip.name
-        for file in [*labelled.glob("clip.*"), *labelled.glob("frames/*"), labelled / "background.png"]:
-            assert (clip / file.relative_to(labelled)).read_bytes() == file.read_bytes(), file
-
-
-def test_real_clone_of_octopi_gives_the_labelled_frames(
-    real_clones: Path, real_clips: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    folder = make_clips(SETS["octopi"], cloned(real_clones, SETS["octopi"]))
-    for clip in sorted(folder.iterdir()):
+        if name != "octopi":
+            labelled = real_data / "real_turns" / clip.name
+            for file in [*labelled.glob("clip.*"), *labelled.glob("frames/*"), labelled / "background.png"]:
+                assert (clip / file.relative_to(labelled)).read_bytes() == file.read_bytes(), file
+            continue
+        labelled = real_clips / clip.name
         made = list(read_frames(clip / "clip.mov"))
-        rebuilt = list(
-            read_frames(real_clips / clip.name / "frames", real_clips / clip.name / "timestamps.csv")
-        )
+        rebuilt = list(read_frames(labelled / "frames", labelled / "timestamps.csv"))
         assert [frame.time_ns for frame in made] == [frame.time_ns for frame in rebuilt]
         assert all(np.array_equal(a.image, b.image) for a, b in zip(made, rebuilt, strict=True))
-        background = read_image(real_clips / clip.name / "background.png")
-        assert np.array_equal(read_image(clip / "background.png"), background)
+        assert np.array_equal(read_image(clip / "background.png"), read_image(labelled / "background.png"))
 
 
 @pytest.mark.long

@@ -7,15 +7,11 @@ import pytest
 from rig.benchmark import reaction as study
 from rig.benchmark.harness import Report, Run
 from rig.benchmark.reaction import (
-    GRIPPER_PERIOD_S,
     ReactedLift,
     Reaction,
     ReactionOptions,
-    ReactionRow,
-    as_late_as_real,
     measure,
 )
-from rig.config import BenchConfig
 from rig.sessions.records import LiftOutcome
 from support.benches import lighter
 
@@ -30,10 +26,7 @@ CAUGHT = ReactedLift("t1", 1, LiftOutcome.CAUGHT, -2.0, (Reaction(0.01, 0.004, 6
         ({"turn_deg": None}, False),
         ({"reactions": ()}, False),
         ({"outcome": LiftOutcome.FALLEN}, False),
-        (
-            {"outcome": LiftOutcome.SLIPPED},
-            False,
-        ),  # it was not lifted fully, although friction could carry it
+        ({"outcome": LiftOutcome.SLIPPED}, False),  # not lifted fully, although friction could carry it
         ({"outcome": LiftOutcome.SLIPPED, "would_hold": False}, True),
     ],
 )
@@ -52,13 +45,13 @@ def report() -> Report:
 
 def test_reaction_catches_a_lift_that_slips_without(report: Report) -> None:
     everything, row = report.tables[0].records
-    assert isinstance(row, ReactionRow)
-    assert (everything.object_id, row.object_id) == ("all", "t2")
-    assert (row.lifts, row.slipping, row.caught, row.cannot_hold, row.damaged) == (1, 1, 1, 0, 0)
-    assert (row.turn_with_deg or 99.0) < 5.0 < (row.turn_without_deg or 0.0)
-    assert min(row.reactions, row.counts_added[1]) > 0
+    assert everything == row | {"object_id": "all"}
+    counts = {"lifts": 1, "slipping": 1, "caught": 1, "cannot_hold": 0, "damaged": 0, "fallen": (0, 0)}
+    assert row == row | counts
+    assert row["turn_with_deg"] < 5.0 < row["turn_without_deg"]
+    assert min(row["reactions"], row["counts_added"][1]) > 0
     [lift] = report.figures["lifts"]
-    assert len(lift["with"]["reactions"]) == row.reactions
+    assert len(lift["with"]["reactions"]) == row["reactions"]
     assert not lift["without"]["reactions"]
 
 
@@ -66,11 +59,3 @@ def test_limits_without_lifts_that_hold_are_neither_kept_nor_missed(report: Repo
     met = {limit.name.split(",")[0]: limit.met for limit in report.limits}
     assert met["share of slipping lifts caught"] is True
     assert met["share of lifts with a reaction although the grip holds"] is None
-
-
-def test_simulated_gripper_has_the_real_delay_unless_its_bench_sets_one(light_bench: BenchConfig) -> None:
-    assert light_bench.gripper.period_s == 0.0
-    assert as_late_as_real(light_bench).gripper.period_s == GRIPPER_PERIOD_S
-    later = light_bench.gripper.model_copy(update={"period_s": 0.03})
-    own = light_bench.model_copy(update={"gripper": later})
-    assert as_late_as_real(own) is own

@@ -62,8 +62,7 @@ def test_lift_is_reproducible_and_starts_at_rest() -> None:
     np.testing.assert_array_equal(one, again)
     assert (one != other).any()
     course = draw_course(1)
-    before = [i for i in range(len(course.turn_deg)) if course.time_ns(i) < LIFT_NS]
-    assert not course.turn_deg[before].any()
+    assert not course.turn_deg[course.time_ns < LIFT_NS].any()
     assert len({draw_course(seed).turn_deg[-1] for seed in range(20)}) > 15
 
 

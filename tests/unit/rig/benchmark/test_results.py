@@ -10,7 +10,7 @@ import rig.benchmark.estimators.study as study
 from drivers.errors import InputError, SessionError
 from rig.benchmark.estimators import contenders
 from rig.benchmark.estimators.contenders import CONTENDERS, WINDOWS
-from rig.benchmark.estimators.stress import StressTask, run_stress, stress_rows
+from rig.benchmark.estimators.stress import run_stress, stress_rows
 from rig.benchmark.estimators.study import (
     README_COLUMNS,
     TABLE,
@@ -46,7 +46,7 @@ def measured(tmp_path_factory: pytest.TempPathFactory) -> tuple[EstimatorsResult
         patch.setattr(study, "load_bench", partial(lighter, tip_hz=12.0))
         patch.setattr(study, "TRIAL_OBJECTS", ("t2",))
         patch.setattr(study, "LIFTS", 1)
-        patch.setattr(study, "stress_tasks", lambda *_: [])
+        patch.setattr(study, "stress_tasks", lambda: [])
         return compare(EstimatorsOptions(estimator=["kolamuri"]), run), progress
 
 
@@ -73,14 +73,9 @@ def test_benchmark_scores_a_lift_as_in_the_trial(result: EstimatorsResult) -> No
             result.session, stored_trial(result.session, name, window).settings, rows[0]
         )[0]
         score = result.scores[name, window]
-        assert score.mare is not None
-        assert score.mare_b is not None
-        assert row.re is not None
-        assert row.re_b is not None
-        assert score.mare.mean_deg == pytest.approx(row.re.mean_deg, abs=1e-9)
-        assert score.mare.std_deg == pytest.approx(row.re.std_deg, abs=1e-9)
-        assert score.mare_b.mean_deg == pytest.approx(row.re_b.mean_deg, abs=1e-9)
-        assert score.answered == row.answered
+        found = [score.mare.mean_deg, score.mare.std_deg, score.mare_b.mean_deg, score.answered]
+        expected = [row.re.mean_deg, row.re.std_deg, row.re_b.mean_deg, row.answered]
+        assert found == pytest.approx(expected, abs=1e-9)
 
 
 def test_every_estimator_has_every_window_from_one_pass(result: EstimatorsResult, report: Report) -> None:
@@ -107,30 +102,24 @@ def test_limit_without_measurement_is_missed(result: EstimatorsResult, report: R
     assert "times as fast as the published second stage" in {v.name for v in bad if not v.met}
 
 
-def test_result_files_contain_all_figures(result: EstimatorsResult, report: Report) -> None:
+def test_result_files_and_documentation_contain_all_figures(result: EstimatorsResult, report: Report) -> None:
     assert len(report.figures["estimators"]) == len(result.scores)
     assert report.files[TABLE] == report.section + "\n"
-    assert table_columns(report.section) == estimator_table(result).columns[:README_COLUMNS]
+    check_readme(DOCUMENT, "estimators")
+    section = DOCUMENT.read_text(encoding="utf-8").partition(BEGIN)[2].partition(END)[0]
+    for text in (section, report.section):
+        heading = next(line for line in text.splitlines() if line.startswith("|"))
+        columns = tuple(cell.strip() for cell in heading.strip("|").split("|"))
+        assert columns == estimator_table(result).columns[:README_COLUMNS]
 
 
 def test_tables_have_a_cell_per_column(result: EstimatorsResult) -> None:
-    balls = replace(result, stress=stress_rows(run_stress(StressTask("round", "3:0", 0, ("slip",)))))
+    balls = replace(result, stress=stress_rows(run_stress(0, ("slip",), ("round", "3:0"))))
     for table in (estimator_table(result), stress_table(balls)):
         assert table.rows
         assert {len(row) for row in table.rows} == {len(table.columns)}
     assert {row[2] for row in stress_table(balls).rows} == {"refused 100%"}
     assert estimator_table(result).rows[-1][0] == "kolamuri"
-
-
-def test_documentation_contains_the_benchmark_table(result: EstimatorsResult) -> None:
-    check_readme(DOCUMENT, "estimators")
-    section = DOCUMENT.read_text(encoding="utf-8").partition(BEGIN)[2].partition(END)[0]
-    assert table_columns(section) == estimator_table(result).columns[:README_COLUMNS]
-
-
-def table_columns(section: str) -> tuple[str, ...]:
-    heading = next(line for line in section.splitlines() if line.startswith("|"))
-    return tuple(cell.strip() for cell in heading.strip("|").split("|"))
 
 
 @pytest.mark.parametrize("text", ["", BEGIN, f"{END}{BEGIN}", f"{BEGIN}{END}{BEGIN}"])

@@ -12,8 +12,7 @@ from rig.benchmark import trials as study
 from rig.benchmark.estimators.contenders import SharedContact
 from rig.benchmark.harness import Report, Run
 from rig.benchmark.segmentation import NETWORKS, parse_models
-from rig.benchmark.trials import TITLES, TrialsOptions, combination, measure, thinned, with_markers
-from rig.config import load_bench
+from rig.benchmark.trials import TITLES, TrialsOptions, measure, thinned
 from rig.tactile.contact.finder import NO_CONTACT, Contact
 from rig.tactile.paper.axis import METHODS
 from support.benches import lighter
@@ -60,13 +59,6 @@ def test_models_are_given_as_name_and_file(tmp_path: Path) -> None:
             parse_models([text], NETWORKS_AND_PEERS)
 
 
-def test_bench_with_markers_differs_only_in_its_gels() -> None:
-    bench = load_bench("fake")
-    marked = with_markers(bench)
-    assert all(tip.markers for tip in marked.tactile)
-    assert marked.model_copy(update={"tactile": bench.tactile}) == bench
-
-
 @pytest.fixture(scope="module")
 def report(tmp_path_factory: pytest.TempPathFactory) -> Report:
     """One lift with few frames."""
@@ -80,7 +72,7 @@ def test_every_system_is_scored_on_the_same_frames(report: Report) -> None:
     assert report.figures["not_trained"] == ("deeplabv3plus", "unetplusplus")
     assert 20 <= report.figures["frames"] <= 50
     expected = {"slip", "kolamuri", "anglenet", "toskov", "still", *METHODS}
-    expected |= {combination(title, m) for title in ("PSPNet", "ours") for m in METHODS}
+    expected |= {f"{title} and {m}" for title in ("PSPNet", "ours") for m in METHODS}
     scores = {(score["system"], score["window"]): score for score in report.figures["systems"]}
     assert {name for name, _ in scores} == expected
     best, still = scores["slip", 1], scores["still", 1]

@@ -22,9 +22,18 @@ def commands(text: str) -> list[str]:
 def test_workflow_runs_readmes_test_command_and_a_campaign() -> None:
     lines = commands(WORKFLOW.read_text(encoding="utf-8"))
     assert ".ci/run" in lines
-    plain, long = (ROOT / ".ci" / "run").read_text().splitlines()[-2:]
-    assert plain in (ROOT / "README.md").read_text()
-    assert long == ".venv/bin/pytest --long"
+    plain, *checks = (ROOT / ".ci" / "run").read_text().splitlines()[4:]
+    assert f"    {plain}" in (ROOT / "README.md").read_text().splitlines()
+    steps = (
+        "ruff check",
+        "ruff format --check",
+        "lint-imports",
+        "codespell",
+        "site.py",
+        "wheel.py",
+        "pytest --long",
+    )
+    assert all(step in "\n".join(checks) for step in steps)
     campaign = next(line for line in lines if "rig trial" in line)
     typed = re.sub(r"^\S*rig |\|.*$", "", campaign).strip()
     assert parse(f"rig {typed}") == "trial"

@@ -29,7 +29,7 @@ from support.shared import made_once
 
 sys.dont_write_bytecode = False  # of the tests
 
-# Under nohup and in background jobs these signals are ignored, and programs that tests start would ignore them.
+# Background jobs and nohup ignore these signals, and programs that tests start would ignore them too.
 signal.signal(signal.SIGHUP, signal.SIG_DFL)
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -116,7 +116,7 @@ def _own_memory(tmp_path_factory: pytest.TempPathFactory) -> None:
 def pytest_collection_finish() -> None:
     """Exclude the collected tests from later garbage collections.
 
-    A collection stops all threads, also those of simulated devices. With all tests collected it takes at least
+    A collection stops all threads, also those of simulated devices. With all tests it takes at least
     0.15 s, in which a device misses its time limits.
     """
     gc.collect()

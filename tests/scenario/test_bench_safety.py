@@ -48,7 +48,6 @@ class Served:
 @pytest.fixture
 def served(tmp_path: Path, unhurried_bench: BenchConfig) -> Iterator[Served]:
     with hosted_fakes(unhurried_bench, None, slowness=SLOWNESS) as (config, _):
-        assert config.fakes is not None
         assert config.fakes.control is not None
         simulated, real = tmp_path / "simulated.toml", tmp_path / "real.toml"
         write_bench(simulated, config)

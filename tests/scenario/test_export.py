@@ -96,7 +96,6 @@ def test_coco_is_read_by_pycocotools_and_states_the_origin_of_its_masks(
         for annotation in coco.loadAnns(coco.getAnnIds()):
             image = coco.loadImgs(annotation["image_id"])[0]
             picture = cv2.imread(str(out / "images" / image["file_name"]))
-            assert picture is not None
             mask = coco.annToMask(annotation)
             assert mask.shape == picture.shape[:2] == (image["height"], image["width"])
             assert mask.sum() == pytest.approx(annotation["area"], rel=0.03)
@@ -134,7 +133,6 @@ def test_labelme_files_are_beside_their_images_with_the_required_fields(
     for file in files:
         document = json.loads(file.read_text())
         picture = cv2.imread(str(file.parent / document["imagePath"]))
-        assert picture is not None
         assert picture.shape[:2] == (document["imageHeight"], document["imageWidth"])
         assert (file.parent / document["imagePath"]).read_bytes() == (
             recording / "07_spam/image_label" / document["imagePath"]

@@ -30,7 +30,6 @@ def live(folder: Path, *arguments: str) -> Iterator[tuple[str, int]]:
     """Run `rig live`; yield its page's address and its process id."""
     command = [sys.executable, "-P", "-m", "rig", "live", *arguments, "--no-browser"]
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, cwd=folder) as process:
-        assert process.stderr is not None
         lines = iter(process.stderr.readline, "")
         try:
             address = next(found[0] for line in lines if (found := re.search(r"http://\S+/(?=;)", line)))

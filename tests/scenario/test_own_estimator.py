@@ -118,7 +118,6 @@ def test_lift_with_failing_estimator_is_kept_and_reports_it(lab: Path, light_ben
     summary = run_trial(folder, TrialSettings(light_bench, 0, choose_estimator(FAILING)), ["t2"], lifts=1)
     assert summary.lifts_accepted == 1
     (row,) = read_finished_lifts(folder)
-    assert row.estimator_faults is not None
     assert row.estimator_faults.frames == pytest.approx(0.1 * sum(row.states.values()), abs=2)
     assert "no gradient today" in (folder / "log.txt").read_text()
     assert "The estimator itself failed" in write_report([folder]).path.read_text()

@@ -63,11 +63,9 @@ def caught(folder: Path, summary: TrialSummary) -> Lift:
 def test_tightening_catches_an_object_that_slips_otherwise(caught: Lift, one_lift: Path) -> None:
     (without,) = read_finished_lifts(one_lift)
     assert without.outcome is LiftOutcome.SLIPPED
-    assert without.final_truth_deg is not None
     assert abs(without.final_truth_deg) > 10.0
     assert without.reactions is None
     assert caught.outcome is LiftOutcome.CAUGHT
-    assert caught.final_truth_deg is not None
     assert 0.4 < abs(caught.final_truth_deg) < 5.0
     assert caught.lift_height_m == without.lift_height_m
 
@@ -76,7 +74,6 @@ def test_reaction_times_are_read_from_a_session(folder: Path, caught: Lift) -> N
     soon, *still = times_of(folder, ReactionKind.TIGHTEN)
     assert caught.reactions
     first = caught.reactions[0]
-    assert first.event_s is not None
     assert soon.value == pytest.approx(1e3 * (first.command_s - first.event_s), abs=1.0)
     assert soon.met is None
     arm_ms, _, fingers_ms, _ = (row.value or 0.0 for row in still)
@@ -89,15 +86,11 @@ def test_reaction_times_are_read_from_a_session(folder: Path, caught: Lift) -> N
 def test_row_has_times_angles_and_counts_of_the_reaction(caught: Lift) -> None:
     assert caught.reactions
     first = caught.reactions[0]
-    assert first.onset_s is not None
-    assert first.event_s is not None
-    assert first.rest_s is not None
     assert first.serial in caught.contact_area_px
     assert first.event_s < first.onset_s + 0.05
     assert first.event_s <= first.command_s < first.standstill_s <= first.rest_s
     assert 0 < first.counts_added <= 14 - caught.grip_counts
     assert first.onset_turn_deg == pytest.approx(0.5, abs=0.1)
-    assert first.rest_turn_deg is not None
     assert 0.4 < abs(first.rest_turn_deg) < 2.0
     assert set(caught.slip_thresholds or {}) == set(caught.contact_area_px)
 
@@ -127,7 +120,6 @@ def test_session_with_another_reaction_is_not_continued(folder: Path, summary: T
 
 
 def test_tables_tell_reacting_lifts_apart(folder: Path, summary: TrialSummary) -> None:
-    assert summary.reacting is not None
     assert (summary.reacting.kind, summary.reacting.caught, summary.reacting.lifts) == ("tighten", 1, 1)
     line = next(csv.DictReader(io.StringIO((folder / "lifts.csv").read_text())))
     assert line["react"] == "tighten"
@@ -139,7 +131,6 @@ def test_tables_tell_reacting_lifts_apart(folder: Path, summary: TrialSummary) -
 def test_stop_and_lower_end_below_full_height_and_catch_nothing(react: str) -> None:
     row = lifted(react)
     assert row.outcome is LiftOutcome.SLIPPED
-    assert row.final_truth_deg is not None
     assert 0.4 < abs(row.final_truth_deg) < 5.0
     assert row.reactions
     assert [r.counts_added for r in row.reactions] == [0]
@@ -151,7 +142,6 @@ def test_limit_on_the_turn_delays_the_reaction() -> None:
     late = lifted("tighten", 20.0)
     assert late.reactions
     first = late.reactions[0]
-    assert first.event_s is not None
     assert first.command_s > first.event_s + 0.02
 
 

@@ -68,7 +68,6 @@ def watched_trial(bench: Path, out: Path) -> Iterator[tuple["subprocess.Popen[st
     ]
     command += ["--bench", str(bench), "--out", str(out), "--watch"]
     with subprocess.Popen(command, stdin=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) as process:
-        assert process.stderr is not None
         lines = iter(process.stderr.readline, "")
         yield process, next(line for line in lines if "watch page: " in line).split()[-1]
 

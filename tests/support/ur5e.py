@@ -32,9 +32,7 @@ _made: list[UR5e] = []
 
 
 def make_arm(
-    host: str,
-    payload_kg: float = INSTALLED_KG,
-    joint_limits_rad: tuple[Vector6, Vector6] | None = None,
+    host: str, payload_kg: float = INSTALLED_KG, joint_limits_rad: tuple[Vector6, Vector6] | None = None
 ) -> UR5e:
     tool = Pose((0.0, 0.0, TOOL_LENGTH_M))
     _made.append(UR5e(host, LIMITS, tool, payload_kg, INSTALLED_COG_M, joint_limits_rad, CLOCK))

@@ -50,11 +50,7 @@ def test_new_packages_install_and_are_listed(installed: Path, tmp_path: Path) ->
     files = {path.name for path in installed.iterdir()}
     assert {f"{LAB}.py", f"{LAB}-0.1.dist-info"} <= files
     listed = json.loads(run(installed, tmp_path, "rig", "estimators", "--json").stdout)["estimators"]
-    assert {
-        "name": "lab-own",
-        "from": "lab-own 0.1",
-        "class": "lab_own:LabOwnEstimator",
-    } in listed
+    assert {"name": "lab-own", "from": "lab-own 0.1", "class": "lab_own:LabOwnEstimator"} in listed
 
 
 def test_lerobot_package_is_found_by_its_name(installed: Path) -> None:

@@ -64,7 +64,6 @@ def test_killed_program_leaves_no_process_and_stops_the_arm(controller: URContro
     )
     command = [sys.executable, "-c", code, controller.host, str(SLOWNESS)]
     rig = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
-    assert rig.stdout is not None
     children = [int(pid) for pid in rig.stdout.readline().split()]
     rig.kill()
     rig.wait()
@@ -124,7 +123,6 @@ def height_m(controller: URController) -> float:
 def test_motion_stops_if_its_program_is_suspended(controller: URController) -> None:
     with moving(controller, "looks") as rig:
         try:
-            assert rig.stdout is not None
             until(lambda: height_m(controller) < HOME.position_m[2] - 0.05)
             rig.send_signal(signal.SIGSTOP)
             there = height_m(controller)
@@ -156,7 +154,6 @@ def test_motion_continues_for_a_moment_without_a_core(controller: URController) 
     # After how long it stops is a test of the heartbeat: how long a program waits is the scheduler's choice.
     with moving(controller, "busy") as rig:
         try:
-            assert rig.stdout is not None
             assert rig.stdout.read() == ""
             assert HOME.position_m[2] - height_m(controller) > 0.199
         finally:

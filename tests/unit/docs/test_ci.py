@@ -42,6 +42,5 @@ def test_workflow_runs_readmes_test_command_and_a_campaign() -> None:
 
 def test_workflow_for_a_lab_is_valid_and_its_commands_parse() -> None:
     block = re.search(r"^```yaml\n(.*?)^```$", PAGE.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)
-    assert block is not None
     typed = [re.sub(r" > .*", "", line) for line in commands(block[1]) if line.startswith("rig ")]
     assert [parse(line) for line in typed] == ["trial", "compare"]

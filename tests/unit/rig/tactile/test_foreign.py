@@ -65,10 +65,7 @@ def test_estimator_named_only_by_a_session_is_not_imported(imported: Path) -> No
     [
         ("nothing", "unknown estimator 'nothing': choose one of slip"),
         ("a b:c", "unknown estimator"),
-        (
-            "no_such_package.x:Y",
-            "there is no module no_such_package; install .* or start the rig",
-        ),
+        ("no_such_package.x:Y", "there is no module no_such_package; install .* or start the rig"),
         (f"{MODULE}:Min", r"has no such name \(did you mean 'Mine'\?\); its classes: Mine, Arguments"),
         (f"{MODULE}:function", "has a builtin_function_or_method of that name; its classes: Mine"),
         (f"{MODULE}.py:Mine", f"give module:Class without .py, as {MODULE}:Mine"),

@@ -80,8 +80,6 @@ def test_angle_is_measured_between_the_dots(blank: Image, press: Draw) -> None:
         if i == 12:
             zero = sample.angle_deg
         last = sample.angle_deg
-    assert zero is not None
-    assert last is not None
     assert last - zero == pytest.approx(17.0, abs=1.0)
 
 

@@ -123,9 +123,7 @@ def test_masks_of_real_frames_agree_with_the_labels(panels: list[tuple[Image, Im
 
 
 @pytest.mark.slow
-def test_masks_agree_with_a_background_from_other_frames(
-    panels: list[tuple[Image, Image]],
-) -> None:
+def test_masks_agree_with_a_background_from_other_frames(panels: list[tuple[Image, Image]]) -> None:
     images = [image for image, _ in panels]
     scores = [
         dice(ContactFinder(auto_background(images[:i] + images[i + 1 :])).find(image).mask, label)

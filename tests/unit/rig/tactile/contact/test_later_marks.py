@@ -72,10 +72,6 @@ def test_marks_that_came_after_the_background_are_left_out(desk: list[Frame], pa
     digit, last = desk_digit(), samples[-1]
     digit.draw(0, np.random.default_rng(0))
     turned = [digit.turn_deg(sample.time_ns) for sample in (zero, last)]
-    assert last.angle_deg is not None
-    assert zero.angle_deg is not None
-    assert turned[0] is not None
-    assert turned[1] is not None
     assert last.angle_deg - zero.angle_deg == pytest.approx(turned[1] - turned[0], abs=1.5)
 
 
@@ -119,7 +115,6 @@ def test_frames_beside_a_contact_are_not_searched() -> None:
 def explained(image: Image, background: Image) -> bool:
     light = RelativeDifference(background, (60, 80))
     region = ContactGate().find(light.of(light.reduced(image)))
-    assert region is not None
     return LaterMarks(found_marks(background, FINE)).explain(difference(image, background), region.mask)
 
 

@@ -34,7 +34,6 @@ def test_ellipse_angle_is_counter_clockwise_as_seen(
     method: AxisMethod, angle_deg: float, long_px: float, short_px: float
 ) -> None:
     axis = method(outline(angle_deg, (long_px, short_px)))
-    assert axis is not None
     assert abs(wrapped(axis.angle_deg - angle_deg)) < TOLERANCE_DEG[method.__name__]
     assert -90 < axis.angle_deg <= 90
 
@@ -42,7 +41,6 @@ def test_ellipse_angle_is_counter_clockwise_as_seen(
 @EACH_METHOD
 def test_ellipse_half_outside_the_image_keeps_its_axis(method: AxisMethod) -> None:
     axis = method(outline(-35, (90, 30), center=(-20.3, 5.8)))
-    assert axis is not None
     assert abs(wrapped(axis.angle_deg + 35)) < TOLERANCE_DEG[method.__name__]
 
 

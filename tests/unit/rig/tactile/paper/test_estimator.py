@@ -157,12 +157,10 @@ def test_long_contacts_have_the_labelled_axis(
     contour = largest_contour(np.where(label > 127, 255, 0).astype(np.uint8))
     assert contour is not None
     truth = ellipse_axis(contour)
-    assert truth is not None
     sample = (
         choose_estimator(name).make(background).update(read_image(figures / "panels" / f"{panel}_raw.png"), 0)
     )
     assert sample.state is State.TRACKING
-    assert sample.angle_deg is not None
     # The skeleton of the widest of them leans by some 6 degrees.
     assert abs(wrapped(sample.angle_deg - truth.angle_deg)) < (9 if name == "skeleton" else 4)
 

@@ -12,7 +12,6 @@ from rig.tactile.paper.published import ANGLES, ScriptError, skeleton_angle
 
 def authors_mask(real_data: Path, name: str) -> NDArray[np.uint8]:
     mask = cv2.imread(str(real_data / "aurova_figures" / name), cv2.IMREAD_GRAYSCALE)
-    assert mask is not None
     return np.where(mask > 127, 255, 0).astype(np.uint8)
 
 

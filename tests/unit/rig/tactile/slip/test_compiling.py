@@ -37,8 +37,6 @@ def installed(folder: Path) -> Any:
     folder.mkdir(exist_ok=True)
     (folder / f"{MODULE}.py").write_text(TEXT)
     spec = importlib.util.spec_from_file_location(MODULE, folder / f"{MODULE}.py")
-    assert spec is not None
-    assert spec.loader is not None
     sys.modules[MODULE] = module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module.doubled

@@ -31,8 +31,6 @@ def run(tracker: SlipEstimator, images: Iterable[Image], period_ns: int = PERIOD
 def turned(samples: list[SlipSample]) -> float:
     """Turn from the settled contact to the last frame."""
     start, end = samples[REST - 1].angle_deg, samples[-1].angle_deg
-    assert start is not None
-    assert end is not None
     return end - start
 
 
@@ -58,7 +56,6 @@ def test_rotation_is_measured_from_any_initial_angle(
     images = lift(press, turn, start, steps=16, half_axes=half_axes, size=size, center=center)
     samples = run(SlipEstimator(press(None, size=size, noise=0.0)), images)
     sigma = samples[-1].sigma_deg
-    assert sigma is not None
     assert turned(samples) == pytest.approx(turn, abs=max(0.3, 3 * sigma))
     assert turned(samples) == pytest.approx(turn, abs=1.0)
 
@@ -159,12 +156,9 @@ def test_contact_that_left_and_returned_is_rekeyed_with_large_sigma(press: Draw,
     back = samples[REST + 12 + 60 :]
     assert back[0].state is State.REKEYED
     sigmas = [sample.sigma_deg for sample in (samples[REST + 11], back[0], back[-1])]
-    assert sigmas[0] is not None
     assert sigmas[0] < 2.0
     for sigma, unseen in zip(sigmas[1:], (back[0].unseen_deg, back[-1].unseen_deg), strict=True):
-        assert sigma is not None
         assert sigma > unseen > 20.0, "how far it turned in between was not seen"
-    assert sigmas[2] is not None
     assert turned(samples) == pytest.approx(60.0, abs=2 * sigmas[2])
 
 
@@ -193,7 +187,6 @@ def test_angle_changes_by_at_most_200_degrees_a_second_with_a_finite_sigma(
         step_s = (after.time_ns - before.time_ns) * 1e-9
         assert abs(after.angle_deg - before.angle_deg) <= 200.0 * step_s + 1e-6  # type: ignore[operator]
     for sample in answered:
-        assert sample.sigma_deg is not None
         assert math.isfinite(sample.sigma_deg)
         assert 0.0 <= sample.unseen_deg <= sample.sigma_deg
         assert sample.sigma_deg > 0.0
@@ -278,7 +271,6 @@ def test_other_contact_for_a_third_of_a_second_increases_sigma_by_less_than_its_
     rest = lift(press, 0.0)
     other = [press(80.0, seed=i, half_axes=(40.0, 38.0), center=(150.0, 200.0)) for i in range(12)]
     last = run(SlipEstimator(blank), [*rest, *other, *rest])[-1]
-    assert last.sigma_deg is not None
     assert last.sigma_deg < 25.0
 
 
@@ -290,7 +282,6 @@ def test_codec_refresh_is_not_a_contact(press: Draw, blank: Image) -> None:
     fresh = [np.clip(np.rint(press(None, seed=i) * change), 0, 255).astype(np.uint8) for i in range(12)]
     samples = run(SlipEstimator(blank), [*fresh, *lift(press, 0.0)])
     assert {sample.state for sample in samples[:12]} == {State.NO_CONTACT}
-    assert samples[-1].sigma_deg is not None
     assert samples[-1].sigma_deg < 1.0
 
 

@@ -40,7 +40,6 @@ class Followed:
     def turned_deg(self, turn_deg: float, after_s: float = PERIOD_S) -> float:
         """Return the angle of the next frame, degrees."""
         tracked = self.show(turn_deg, after_s)
-        assert tracked is not None
         return math.degrees(tracked.fit.angle_rad)
 
     @property
@@ -127,7 +126,6 @@ def test_keyframe_gets_the_pose_of_its_own_frame_although_it_is_made_later() -> 
     assert not followed.contact._forced
     assert len(followed.contact.keys) == before
     tracked = followed.show(9.0)
-    assert tracked is not None
     assert tracked.rekeyed
     assert followed.key_angles_deg()[-1] == pytest.approx(asked, abs=0.3)
 

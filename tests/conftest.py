@@ -1,13 +1,14 @@
-"""What tests share: where real data lies, and a bench that takes less computing than a real one's."""
+"""Settings and fixtures of all tests: how many cases run, where real data is, and light simulated benches."""
 
 import gc
 import os
 import signal
+import sys
 from collections.abc import Callable
 
-# As the command line does: BLAS threads that wait for one another make a busy computer ten times slower.
+# BLAS threads of several processes wait for each other, which makes a loaded host ten times slower.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-# Tests start hundreds of programs: what one has compiled, the next ones read.
+# Tests start hundreds of programs, which import faster from bytecode.
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
 from pathlib import Path
@@ -26,33 +27,31 @@ from support.benches import lighter
 from support.fuzz import PROFILE
 from support.shared import made_once
 
-# A suite under nohup or in the background ignores signals, and so would all programs that it starts.
+sys.dont_write_bytecode = False  # of the tests
+
+# Background jobs and nohup ignore these signals, and programs that tests start would ignore them too.
 signal.signal(signal.SIGHUP, signal.SIG_DFL)
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
-pytest_plugins = (
-    "rig.contract_checks",
-    "support.side_by_side",
-    "support.drawn_sensor",
-)
+pytest_plugins = ("rig.contract_checks", "support.side_by_side", "support.drawn_sensor")
 
-# Whether a phase is silent for a moment depends on the host's load: no test finds its name on stderr.
+# After a time without output the name of a phase is printed, so the output would depend on the host's load.
 screen.SILENT_S = 600.0
 
-FUZZ_CASES, LONG_FUZZ_CASES = 200, 1000
-"""Damaged inputs drawn for each format, without and with --long."""
+FUZZ_CASES, LONG_FUZZ_CASES = 60, 1000
+"""Damaged inputs per format, without and with --long."""
 PROPERTY_CASES, LONG_PROPERTY_CASES = 15, 200
-"""Examples drawn for each property test that names no number, without and with --long."""
+"""Examples of a property test that sets no number itself, without and with --long."""
 SLOW_FOLDERS = ("tests/cli/", "tests/scenario/", "tests/unit/rig/benchmark/")
 """Folders whose tests run commands, lifts and whole trials, many of them in separate processes."""
 LONGEST_ID = 100
-"""Longest text that stands in a test's name, characters."""
+"""Longest text that is part of a test's name, characters."""
 ROOT = Path(__file__).parent.parent
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Set how many examples hypothesis draws; it sets no deadline for one, because machines are shared."""
+    """Set the number of hypothesis examples. They have no time limit, because the host may be loaded."""
     long = config.getoption("--long")
     quiet = [HealthCheck.too_slow, HealthCheck.data_too_large, HealthCheck.function_scoped_fixture]
     cases = config.getoption("--fuzz-cases") or (LONG_FUZZ_CASES if long else FUZZ_CASES)
@@ -65,17 +64,17 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    parser.addoption("--fuzz-cases", type=int, metavar="N", help="damaged inputs drawn for each format")
+    parser.addoption("--fuzz-cases", type=int, metavar="N", help="damaged inputs per format")
     parser.addoption(
         "--long",
         action="store_true",
-        help=f"run only the tests marked 'long', the fuzz tests with {LONG_FUZZ_CASES} cases each, and the "
+        help=f"run only the tests marked 'long', the fuzz tests with {LONG_FUZZ_CASES} inputs each, and the "
         f"property tests with {LONG_PROPERTY_CASES} examples each",
     )
 
 
 def pytest_make_parametrize_id(val: object, argname: str) -> str | None:
-    """Name a long value by its length: workers send each other the names of all tests."""
+    """Replace a long parameter in a test's name by its length: workers exchange the names of all tests."""
     if isinstance(val, str | bytes) and len(val) > LONGEST_ID:
         return f"{argname} of {len(val)}"
     return None
@@ -83,9 +82,9 @@ def pytest_make_parametrize_id(val: object, argname: str) -> str | None:
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Mark whole folders as slow, and leave the long tests to `pytest --long`.
+    """Mark the tests of `SLOW_FOLDERS` as slow, and deselect tests by --long.
 
-    Besides the long tests `pytest --long` runs only fuzz and property tests.
+    Without --long, tests marked 'long' are deselected; with it, all others but fuzz and property tests.
     """
     for item in items:
         if item.nodeid.startswith(SLOW_FOLDERS):
@@ -103,22 +102,22 @@ def _belongs(item: pytest.Item, long: bool) -> bool:
 
 
 def pytest_sessionstart(session: pytest.Session) -> None:
-    """Compile the loops of the estimator before the tests, and print this."""
+    """Compile the estimator's loops before workers start; a message is printed if this takes time."""
     if not hasattr(session.config, "workerinput"):
         compile_all()
 
 
 @pytest.fixture(scope="session", autouse=True)
 def _own_memory(tmp_path_factory: pytest.TempPathFactory) -> None:
-    """Keep the stored states of hands and replays of the tests separate from those of this computer."""
+    """Store states of hands and replays in a temporary folder instead of the user's."""
     os.environ["XDG_STATE_HOME"] = str(tmp_path_factory.mktemp("state"))
 
 
 def pytest_collection_finish() -> None:
-    """Leave what collecting made out of every later garbage collection, in each worker.
+    """Exclude the collected tests from later garbage collections.
 
-    All threads of this process, simulated devices among them, stand still while it runs: for 0.15 s
-    and more with the whole suite collected, long enough to miss what a device promises.
+    A collection stops all threads, also those of simulated devices. With all tests it takes at least
+    0.15 s, in which a device misses its time limits.
     """
     gc.collect()
     gc.freeze()
@@ -126,7 +125,7 @@ def pytest_collection_finish() -> None:
 
 @pytest.fixture(scope="session")
 def cases(pytestconfig: pytest.Config) -> Callable[[int], int]:
-    """Return how many cases of a seeded loop run: all with --long, a twentieth without."""
+    """Return the number of cases of a seeded loop: all with --long, a twentieth without."""
     return lambda count: count if pytestconfig.getoption("--long") else count // 20
 
 
@@ -141,7 +140,7 @@ def real_data() -> Path:
 
 @pytest.fixture(scope="session")
 def real_clips() -> Path:
-    """The folder of labelled real clips, as `rotation_clips/rebuild.py` makes it: RIG_CLIPS."""
+    """The folder of labelled real clips that `rotation_clips/rebuild.py` makes: RIG_CLIPS."""
     folder = Path(os.environ.get("RIG_CLIPS", "no clips are given"))
     if not folder.is_dir():
         pytest.skip("no labelled real clips: make them with rotation_clips/rebuild.py and set RIG_CLIPS")
@@ -150,13 +149,13 @@ def real_clips() -> Path:
 
 @pytest.fixture(scope="session")
 def light_bench() -> BenchConfig:
-    """The simulated bench with half its frames: nothing but precision needs the others."""
+    """The simulated bench with half the frames, which reduces only the precision of an estimate."""
     return lighter()
 
 
 @pytest.fixture(scope="session")
 def light_bench_file(tmp_path_factory: pytest.TempPathFactory, light_bench: BenchConfig) -> Path:
-    """Its file, for `--bench`."""
+    """The file of `light_bench`, for `--bench`."""
     file = tmp_path_factory.mktemp("bench") / "light.toml"
     write_bench(file, light_bench)
     return file
@@ -164,13 +163,13 @@ def light_bench_file(tmp_path_factory: pytest.TempPathFactory, light_bench: Benc
 
 @pytest.fixture(scope="session")
 def one_lift(tmp_path_factory: pytest.TempPathFactory, light_bench: BenchConfig) -> Path:
-    """A trial of one lift of the toothbrush on the light bench, estimated by slip; to be read only."""
+    """A trial of one lift of the toothbrush on `light_bench`, estimated by slip. To be read only."""
     settings = TrialSettings(light_bench, 0, choose_estimator("slip"))
     return made_once(tmp_path_factory, "one_lift", lambda to: run_trial(to, settings, ["t2"], lifts=1))
 
 
 @pytest.fixture(scope="session")
 def two_lifts(tmp_path_factory: pytest.TempPathFactory, light_bench: BenchConfig) -> Path:
-    """A trial of two lifts of the toothbrush on the light bench, estimated by pca; to be read only."""
+    """A trial of two lifts of the toothbrush on `light_bench`, estimated by pca. To be read only."""
     settings = TrialSettings(light_bench, 0, choose_estimator("pca"))
     return made_once(tmp_path_factory, "two_lifts", lambda to: run_trial(to, settings, ["t2"], lifts=2))

@@ -25,8 +25,6 @@ def desk_streams() -> Iterator[list[str]]:
     command = [sys.executable, "-c", f"import sys; sys.path.insert(0, {str(tests)!r}); "
                "from support.desk_streams import main; main()"]  # fmt: skip
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
-        assert process.stdout is not None
-        assert process.stdin is not None
         try:
             yield process.stdout.readline().split()
         finally:

@@ -23,8 +23,6 @@ _SPAN = re.compile(r"`(rig(?: [^`]+)?)`")
 def script(name: str) -> ModuleType:
     """Load a script of docs, which is no package."""
     spec = importlib.util.spec_from_file_location(name, ROOT / "docs" / f"{name}.py")
-    assert spec is not None
-    assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
@@ -70,7 +68,6 @@ def parse(line: str, may_be_a_name: bool = False) -> str:
             return " ".join(names)  # its options are parsed, and it needs no command
         name, command, words = command.resolve_command(context, [*context._protected_args, *context.args])
         names.append(str(name))
-    assert command is not None
     if words or not may_be_a_name:
         command.make_context(names[-1], words, parent=context)
     return " ".join(names)

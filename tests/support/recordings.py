@@ -54,7 +54,6 @@ def written_again(
     seen: Counter[str] = Counter()
     with recording.open("rb") as source:
         for schema, channel, message in make_reader(source).iter_messages(log_time_order=False):
-            assert schema is not None
             if channel.id not in channels:
                 kept = writer.register_schema(schema.name, schema.encoding, schema.data)
                 channels[channel.id] = writer.register_channel(

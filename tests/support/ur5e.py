@@ -32,9 +32,7 @@ _made: list[UR5e] = []
 
 
 def make_arm(
-    host: str,
-    payload_kg: float = INSTALLED_KG,
-    joint_limits_rad: tuple[Vector6, Vector6] | None = None,
+    host: str, payload_kg: float = INSTALLED_KG, joint_limits_rad: tuple[Vector6, Vector6] | None = None
 ) -> UR5e:
     tool = Pose((0.0, 0.0, TOOL_LENGTH_M))
     _made.append(UR5e(host, LIMITS, tool, payload_kg, INSTALLED_COG_M, joint_limits_rad, CLOCK))
@@ -42,7 +40,7 @@ def make_arm(
 
 
 def let_go_of_arms() -> None:
-    """Disconnect every arm that was made: what a test left connected is found by no later one."""
+    """Disconnect all arms that `make_arm` has made."""
     while _made:
         _made.pop().disconnect()
 

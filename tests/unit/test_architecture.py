@@ -1,39 +1,22 @@
-"""Structure of the product: layers, style, packaging."""
+"""The environment, the packages, and how the suite runs. `.ci/run` checks style, imports and the wheel."""
 
 import importlib
+import os
 import re
 import subprocess
 import sys
 from importlib.metadata import files, version
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
 from support.benches import real_bench_file
+from support.side_by_side import pytest_xdist_auto_num_workers
 
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGES = ("rig", "drivers", "fakes", "calibration", "protocols")
-
-
-def tool(*command: str) -> None:
-    done = subprocess.run(
-        [sys.executable, "-m", *command], cwd=ROOT, capture_output=True, text=True, check=False
-    )
-    assert done.returncode == 0, done.stdout + done.stderr
-
-
-def test_ruff_finds_nothing() -> None:
-    tool("ruff", "check", ".")
-    tool("ruff", "format", "--check", ".")
-
-
-def test_imports_keep_the_layers() -> None:
-    code = "import sys; from importlinter.cli import lint_imports_command; lint_imports_command()"
-    done = subprocess.run(
-        [sys.executable, "-c", code, "--no-cache"], cwd=ROOT, capture_output=True, text=True, check=False
-    )
-    assert done.returncode == 0, done.stdout + done.stderr
-    assert " 0 broken" in done.stdout
 
 
 def test_all_packages_come_from_one_place() -> None:
@@ -45,19 +28,9 @@ def test_all_packages_come_from_one_place() -> None:
 def test_exactly_one_distribution_provides_cv2() -> None:
     import cv2
 
-    folder = Path(cv2.__file__).parent
-    owners = [
-        name
-        for name in (
-            "opencv-python",
-            "opencv-python-headless",
-            "opencv-contrib-python",
-            "opencv-contrib-python-headless",
-        )
-        if _installed(name)
-    ]
-    assert owners == ["opencv-contrib-python-headless"]
-    assert folder.exists()
+    variants = ("python", "python-headless", "contrib-python", "contrib-python-headless")
+    assert [name for name in variants if _installed(f"opencv-{name}")] == ["contrib-python-headless"]
+    assert Path(cv2.__file__).parent.exists()
 
 
 def _installed(name: str) -> bool:
@@ -68,11 +41,13 @@ def _installed(name: str) -> bool:
 
 
 @pytest.mark.slow
-def test_rig_works_without_the_arm_library(tmp_path: Path) -> None:
-    """Check that everything except the arm works without ur-rtde, and that a real bench can be created."""
+def test_rig_works_without_the_arm_library_and_pytest(tmp_path: Path) -> None:
+    """Check that everything except the arm works, and that a real bench can be created."""
     code = (
-        "import sys; sys.modules.update({'rtde_control': None, 'rtde_receive': None});"
-        "import rig.experiments.record, rig.experiments.replay, rig.cli.main;"
+        "import sys; lacking = ('rtde_control', 'rtde_receive', 'pytest', 'hypothesis');"
+        "sys.modules.update(dict.fromkeys(lacking));"
+        "import rig.experiments.record, rig.experiments.replay, rig.experiments.trial, rig.cli.main;"
+        "import rig.bench.source, rig.benchmark.estimators.study;"
         "import rig.doctor.examination, rig.benchmark.wire.faults;"
         "from rig.bench.assembly import build_real_bench; from rig.config import load_bench;"
         f"print(build_real_bench(load_bench({str(real_bench_file(tmp_path))!r})).name)"
@@ -98,3 +73,37 @@ def test_only_the_contract_checks_import_pytest_and_hypothesis() -> None:
         and "templates" not in path.parts
     }
     assert importing == {("rig", "contract_checks.py")}
+
+
+def suite(*arguments: str) -> "subprocess.CompletedProcess[str]":
+    """Run the suite as a person at a bench does."""
+    command = [sys.executable, "-m", "pytest", *arguments, "--bench", "nowhere.toml"]
+    alone = {name: value for name, value in os.environ.items() if not name.startswith("PYTEST_")}
+    return subprocess.run(command, cwd=ROOT, env=alone, capture_output=True, text=True, check=False)
+
+
+@pytest.mark.slow
+def test_several_workers_with_hardware_are_rejected() -> None:
+    done = suite("tests/contract", "-n", "2")
+    assert done.returncode == pytest.ExitCode.USAGE_ERROR
+    assert "two workers must not drive one arm" in done.stderr
+
+
+@pytest.mark.slow
+def test_hardware_tests_run_without_workers() -> None:
+    done = suite("tests/contract", "-k", "motions_outside and fake")
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "1 passed" in done.stdout
+    assert "bringing up nodes" not in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("arguments", "bench", "workers"),
+    [(["tests"], None, 4), (["tests"], "my_bench.toml", 0), (["tests/unit/test_architecture.py"], None, 0)],
+)
+def test_workers_are_used_for_simulated_devices_only(
+    arguments: list[str], bench: str | None, workers: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(os, "sched_getaffinity", lambda process: {0, 1}, raising=False)
+    config: Any = SimpleNamespace(args=arguments, getoption={"--bench": bench}.get)
+    assert pytest_xdist_auto_num_workers(config) == workers

@@ -13,6 +13,7 @@ from typing import Any
 import pytest
 
 from fakes.wire.ur.controller import URController
+from support.marks import long
 from support.slow_motion import SLOWNESS
 from support.waiting import until
 
@@ -62,123 +63,79 @@ def results(controller: URController, script: str) -> dict[str, Any]:
     return json.loads(output.splitlines()[-1])
 
 
-def test_motions_between_poses_and_joints(controller: URController) -> None:
-    read = results(
-        controller,
-        """
-results["moveL"], results["low_m"] = control.moveL(low, 0.25, 1.2), wait_until(lambda: height() < -0.04999)
+CALLS = {
+    "motions": """
+results["moveL"], results["low_m"] = control.moveL(low, 1.0, 10.0), wait_until(lambda: height() < -0.04999)
 turned = [q[0] + 0.1] + q[1:]
-results["moveJ"], results["turned"] = control.moveJ(turned, 1.0, 1.4), wait_until(lambda: off(turned) < 1e-6)
-results["moveJ_IK"], results["home"] = control.moveJ_IK(home, 1.0, 1.4), wait_until(lambda: off(q) < 1e-6)
+results["moveJ"], results["turned"] = control.moveJ(turned, 3.0, 20.0), wait_until(lambda: off(turned) < 1e-6)
+results["moveJ_IK"], results["home"] = control.moveJ_IK(home, 3.0, 20.0), wait_until(lambda: off(q) < 1e-6)
 results["zeroFtSensor"] = control.zeroFtSensor()
-results["path"] = control.moveJ([turned + [1.0, 1.4, 0.0], q + [1.0, 1.4, 0.0]])
-results["path_l"] = control.moveL([low + [0.25, 1.2, 0.0], home + [0.25, 1.2, 0.0]])
+results["path"] = control.moveJ([turned + [3.0, 20.0, 0.0], q + [3.0, 20.0, 0.0]])
+results["path_l"] = control.moveL([low + [1.0, 10.0, 0.0], home + [1.0, 10.0, 0.0]])
 results["home_after_path"] = wait_until(lambda: off(q) < 1e-4)  # the client sends six digits
 """,
-    )
-    assert all(value is True for value in read.values()), json.dumps(read)
-
-
-def test_stops_of_asynchronous_motions(controller: URController) -> None:
-    read = results(
-        controller,
-        """
+    "stops": """
 for stop in ("stopL", "stopJ"):
     control.moveL(low, 0.02, 1.2, True)
     wait_until(lambda: height() < -0.001)
     getattr(control, stop)(5.0)
     results[stop] = wait_until(still) and -0.045 < height() < -0.0005
-    control.moveJ(q, 1.0, 1.4)
+    control.moveJ(q, 3.0, 20.0)
 control.moveJ([q[0] + 0.2] + q[1:], 0.1, 1.4, True)
 wait_until(lambda: joint_1() > 0.01)
 results["running"] = control.getAsyncOperationProgressEx().isAsyncOperationRunning()
 control.stopJ(5.0)
 results["stopped"] = wait_until(still) and 0.01 < joint_1() < 0.19
+control.moveJ(q, 3.0, 20.0)
 """,
-    )
-    assert all(value is True for value in read.values()), json.dumps(read)
-
-
-def test_servo_follows_its_targets_until_it_is_stopped(controller: URController) -> None:
-    read = results(
-        controller,
-        """
+    "servo": """
 start, target, sent = receive.getTimestamp(), list(q), []
-while (t := receive.getTimestamp() - start) < 1.0:
+while (t := receive.getTimestamp() - start) < 0.4:
     target[0] = q[0] + 0.1 * t
     sent.append(control.servoJ(target, 0.5, 0.5, 0.008, 0.1, 300))
     pause(0.004)
 results["sent"] = all(sent)
 results["lag"] = abs(joint_1() - (target[0] - q[0])) < 0.03
 results["reached"] = wait_until(lambda: off(target) < 1e-4)
-results["running"] = control.isProgramRunning()
+results["program_runs"] = control.isProgramRunning()
 results["servoStop"] = control.servoStop(10.0)
-results["still"] = wait_until(still)
-results["moveJ"] = control.moveJ(q, 1.0, 1.4) and wait_until(lambda: off(q) < 1e-6)
-""",
-    )
-    assert all(value is True for value in read.values()), json.dumps(read)
-
-
-def test_servo_takes_a_new_target_after_the_time_of_the_old_one(controller: URController) -> None:
-    read = results(
-        controller,
-        """
-control.servoJ(q, 0.5, 0.5, 0.5, 0.1, 300)
+results["servo_still"] = wait_until(still)
+results["servo_home"] = control.moveJ(q, 3.0, 20.0) and wait_until(lambda: off(q) < 1e-6)
+control.servoJ(q, 0.5, 0.5, 0.3, 0.1, 300)
+pause(0.05)
+control.servoJ([q[0] + 0.1] + q[1:], 0.5, 0.5, 0.3, 0.1, 300)
 pause(0.1)
-control.servoJ([q[0] + 0.1] + q[1:], 0.5, 0.5, 0.5, 0.1, 300)
-pause(0.1)
-results["early"] = joint_1()
-results["later"] = wait_until(lambda: joint_1() > 0.09)
+results["new_target_waits_for_the_time_of_the_old_one"] = joint_1() == 0.0
+results["new_target_is_reached"] = wait_until(lambda: joint_1() > 0.09)
 control.servoStop()
+control.moveJ(q, 3.0, 20.0)
 """,
-    )
-    assert read == {"early": 0.0, "later": True}
-
-
-@pytest.mark.parametrize("call", ["speedL([0, 0, -0.05, 0, 0, 0], 0.5)", "speedJ([0.1, 0, 0, 0, 0, 0], 0.5)"])
-def test_speed_is_kept_until_it_is_stopped(controller: URController, call: str) -> None:
-    read = results(
-        controller,
-        f"""
-results["called"] = control.{call}
+    "speed": """
 def speed():
     return max(abs(receive.getActualTCPSpeed()[2]) / 0.05, abs(receive.getActualQd()[0]) / 0.1)
-results["speed"] = wait_until(lambda: abs(speed() - 1.0) < 1e-3)
-pause(0.2)
-results["kept"] = abs(speed() - 1.0) < 1e-3
-results["speedStop"] = control.speedStop(10.0)
-results["still"] = wait_until(still) and -0.1 < height() and joint_1() < 0.3
-results["moveJ"] = control.moveJ(q, 1.0, 1.4)
+for name, call in (("speedL", lambda: control.speedL([0, 0, -0.05, 0, 0, 0], 0.5)),
+                   ("speedJ", lambda: control.speedJ([0.1, 0, 0, 0, 0, 0], 0.5))):
+    results[name] = call() and wait_until(lambda: abs(speed() - 1.0) < 1e-3)
+    pause(0.1)
+    results[name + " kept"] = abs(speed() - 1.0) < 1e-3
+    results[name + " stop"] = control.speedStop(10.0)
+    results[name + " still"] = wait_until(still) and -0.1 < height() and joint_1() < 0.3
+    results[name + " home"] = control.moveJ(q, 3.0, 20.0)
 """,
-    )
-    assert all(value is True for value in read.values()), json.dumps(read)
-
-
-def test_inverse_kinematics(controller: URController) -> None:
-    far = "[2.0, 0, 0, 0, 0, 0]"
-    read = results(
-        controller,
-        f"""
-near = [angle + 0.01 for angle in q]
+    "inverse kinematics": """
+near, far = [angle + 0.01 for angle in q], [2.0, 0, 0, 0, 0, 0]
 for name, joints in (("alone", control.getInverseKinematics(home)),
                      ("near", control.getInverseKinematics(home, near))):
     results[name] = off(joints) < 1e-9
 results["solution"] = control.getInverseKinematicsHasSolution(home)
 results["solution_near"] = control.getInverseKinematicsHasSolution(home, near)
-results["none"] = not control.getInverseKinematicsHasSolution({far})
+results["none"] = not control.getInverseKinematicsHasSolution(far)
 results["program"] = control.isProgramRunning()
-results["far"] = control.getInverseKinematics({far}) == []
+results["far"] = control.getInverseKinematics(far) == []
 results["ended"] = wait_until(lambda: not control.isProgramRunning())
+results["uploaded_again"] = reupload()
 """,
-    )
-    assert all(value is True for value in read.values()), json.dumps(read)
-
-
-def test_protective_stop_is_released_over_the_dashboard(controller: URController) -> None:
-    read = results(
-        controller,
-        """
+    "protective stop": """
 dashboard = DashboardClient(host)
 dashboard.connect()
 control.moveL(low, 0.02, 1.2, True)
@@ -189,10 +146,18 @@ results["refused"] = not control.moveL(home)
 pause(0.6)
 dashboard.unlockProtectiveStop()
 results["released"] = wait_until(lambda: not receive.isProtectiveStopped())
-results["program"] = not control.isProgramRunning() and reupload()
-results["moves"] = control.moveL(home, 0.25, 1.2)
+results["program_restarted"] = not control.isProgramRunning() and reupload()
+results["moves"] = control.moveL(home, 1.0, 10.0)
 """,
-    )
+}
+"""Scripts whose `results` are all True, and which end with the arm at home."""
+
+
+@pytest.mark.parametrize(
+    "names", [("motions", "stops", "servo", "speed"), ("inverse kinematics", "protective stop")]
+)
+def test_calls_of_scripts_are_simulated(controller: URController, names: tuple[str, ...]) -> None:
+    read = results(controller, "".join(CALLS[name] for name in names))
     assert all(value is True for value in read.values()), json.dumps(read)
 
 
@@ -200,13 +165,15 @@ results["moves"] = control.moveL(home, 0.25, 1.2)
     ("call", "name"),
     [
         ("control.forceMode([0] * 6, [0, 0, 1, 0, 0, 0], [0, 0, -5, 0, 0, 0], 2, [1] * 6)", "forceMode"),
-        ("control.servoC(low, 0.1, 0.5, 0.01)", "servoC"),
         ("control.jogStart([0, 0, 0.02, 0, 0, 0])", "jogStart"),
-        ("control.moveUntilContact([0, 0, -0.1, 0, 0, 0])", "moveUntilContact"),
-        ("control.poseTrans(home, low)", "poseTrans"),
         (
             "control.sendCustomScriptFunction('lamp', 'set_standard_digital_out(1, True)')",
             "write_output_integer_register",
+        ),
+        *long(
+            ("control.servoC(low, 0.1, 0.5, 0.01)", "servoC"),
+            ("control.moveUntilContact([0, 0, -0.1, 0, 0, 0])", "moveUntilContact"),
+            ("control.poseTrans(home, low)", "poseTrans"),
         ),
     ],
 )
@@ -247,7 +214,11 @@ pause(0.1)
 
 @pytest.mark.parametrize(
     "start",
-    ["servoJ(q, 0.5, 0.5, 0.008, 0.1, 300)", "speedL([0, 0, -0.01, 0, 0, 0])", "moveL(low, 0.02, 1.2, True)"],
+    [
+        "servoJ(q, 0.5, 0.5, 0.008, 0.1, 300)",
+        "moveL(low, 0.02, 1.2, True)",
+        *long("speedL([0, 0, -0.01, 0, 0, 0])"),
+    ],
 )
 def test_motion_beside_another_one_ends_the_program(
     controller: URController, caplog: pytest.LogCaptureFixture, start: str

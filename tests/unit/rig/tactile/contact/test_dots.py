@@ -1,13 +1,19 @@
 """Dots printed on a gel are recognised, are not a contact, and do not disturb the angle."""
 
+from collections import Counter
 from collections.abc import Callable
+from itertools import islice, product
+from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from drivers.formats import read_csv_rows
 from drivers.images import read_image
+from rig.frames.series import read_frames
+from rig.tactile.contact.background import mean_background
 from rig.tactile.contact.dots import is_dotted, without_dots
 from rig.tactile.estimators import choose_estimator
 from rig.tactile.sample import State
@@ -45,10 +51,9 @@ def states(frames: list[Image], background: Image, name: str = "slip") -> list[S
     return [estimator.update(frame, i * STEP_NS).state for i, frame in enumerate(frames)]
 
 
-@pytest.mark.parametrize("radius_px", [4.5, 6.0, 9.0])
-@pytest.mark.parametrize("spacing_px", [28.0, 44.0])
-def test_gel_with_printed_dots_is_recognised(blank: Image, radius_px: float, spacing_px: float) -> None:
-    assert is_dotted(printed(blank, grid(spacing_px), radius_px))
+def test_gel_with_printed_dots_is_recognised(blank: Image) -> None:
+    for radius_px, spacing_px in product((4.5, 6.0, 9.0), (28.0, 44.0)):
+        assert is_dotted(printed(blank, grid(spacing_px), radius_px)), (radius_px, spacing_px)
 
 
 def test_filling_dots_restores_the_gel(blank: Image) -> None:
@@ -80,8 +85,6 @@ def test_angle_is_measured_between_the_dots(blank: Image, press: Draw) -> None:
         if i == 12:
             zero = sample.angle_deg
         last = sample.angle_deg
-    assert zero is not None
-    assert last is not None
     assert last - zero == pytest.approx(17.0, abs=1.0)
 
 
@@ -92,10 +95,8 @@ def test_source_of_the_angles_is_named(blank: Image) -> None:
     assert choose_estimator("slip").sees(blank) == choose_estimator("pca-published").sees(dotted)
 
 
-def test_real_gels_with_and_without_dots_are_distinguished(real_data: object) -> None:
-    from pathlib import Path
-
-    folder = Path(str(real_data))
+def test_real_gels_with_and_without_dots_are_distinguished(real_data: Path) -> None:
+    folder = real_data
     plain = [
         folder / "digit_backgrounds" / "tacto_bg_digit_240_320.jpg",
         folder / "aurova_figures" / "digit_raw.png",
@@ -109,3 +110,31 @@ def test_real_gels_with_and_without_dots_are_distinguished(real_data: object) ->
         frames = [capture.read()[1] for _ in range(12)]
         capture.release()
         assert is_dotted(np.ascontiguousarray(frames[-1][..., ::-1])), clip.name
+
+
+SPANS = Path(__file__).resolve().parents[4] / "data" / "marker_slip_contacts.csv"
+
+
+@pytest.mark.long
+def test_printed_dots_are_not_reported_as_contact(real_data: Path) -> None:
+    folder = real_data / "marker_slip_clips"
+    rows = [row for _, row in read_csv_rows(SPANS, ("clip", "first", "last", "contact", "background"))]
+    frames: Counter[str] = Counter()
+    reported: Counter[str] = Counter()
+    for clip in dict.fromkeys(row["clip"] for row in rows):
+        spans = [row for row in rows if row["clip"] == clip]
+        first, last = int(spans[0]["background_first"]), int(spans[0]["background_last"])
+        background = read_frames(folder / spans[0]["background"]).images()
+        estimator = choose_estimator("slip").make(mean_background(list(islice(background, first, last + 1))))
+        in_contact = [
+            estimator.update(frame.image, frame.time.time_ns).state is not State.NO_CONTACT
+            for frame in read_frames(folder / clip)
+            if frame.image is not None
+        ]
+        for span in spans:
+            answers = in_contact[int(span["first"]) : int(span["last"]) + 1]
+            frames[span["contact"]] += len(answers)
+            reported[span["contact"]] += sum(answers)
+    assert frames == {"no": 2690, "yes": 354}
+    assert reported["no"] <= 0.05 * frames["no"]
+    assert reported["yes"] >= 0.95 * frames["yes"]

@@ -1,4 +1,4 @@
-"""The classical contact mask, on drawn frames."""
+"""The classical contact mask on drawn and real frames, and the rule for touch."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -15,6 +15,7 @@ from drivers.errors import InputError
 from drivers.images import read_image
 from rig.tactile.contact.background import auto_background
 from rig.tactile.contact.finder import Contact, ContactFinder
+from rig.tactile.contact.gate import TouchDebounce
 
 Image = NDArray[np.uint8]
 Draw = Callable[..., Image]
@@ -54,6 +55,12 @@ def test_drifting_light_does_not_change_the_detection(
     finder = ContactFinder(blank)
     assert finder.find(press(None, light=light)).mask is None
     assert dice(finder.find(press(30, light=light)).mask, drawn_mask(30)) > 0.85
+
+
+def test_speck_below_a_hundredth_of_the_frame_is_no_contact(press: Draw, blank: Image) -> None:
+    finder = ContactFinder(blank)
+    assert finder.find(press(20, (8.0, 5.0), strength=2.0)).mask is None
+    assert finder.find(press(20, (20.0, 12.0), strength=2.0)).mask is not None
 
 
 def test_contact_detection_has_hysteresis(press: Draw, blank: Image) -> None:
@@ -123,9 +130,7 @@ def test_masks_of_real_frames_agree_with_the_labels(panels: list[tuple[Image, Im
 
 
 @pytest.mark.slow
-def test_masks_agree_with_a_background_from_other_frames(
-    panels: list[tuple[Image, Image]],
-) -> None:
+def test_masks_agree_with_a_background_from_other_frames(panels: list[tuple[Image, Image]]) -> None:
     images = [image for image, _ in panels]
     scores = [
         dice(ContactFinder(auto_background(images[:i] + images[i + 1 :])).find(image).mask, label)
@@ -141,3 +146,12 @@ def test_real_frame_without_contact_has_no_mask(real_data: Path) -> None:
     for light in (1.0, 0.8, 1.15):
         frame = np.clip(bare * light + rng.normal(0, 1.5, bare.shape), 0, 255).astype(np.uint8)
         assert finder.find(frame).mask is None
+
+
+def test_touch_needs_three_frames_without_a_gap() -> None:
+    touch = TouchDebounce()
+    seen = []
+    for contact in (True, False, True, True, True, False):
+        touch.update(contact)
+        seen.append(touch.sure)
+    assert seen == [False, False, False, True, True, False]

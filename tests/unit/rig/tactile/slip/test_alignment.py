@@ -124,7 +124,6 @@ def test_poor_keyframes_are_not_aligned_to_and_the_richest_comes_first() -> None
     source = source_of(drawn(START_DEG))
     faint = replace(source.texture, planes=0.3 * source.texture.planes)
     poor = make_keyframe(replace(source, texture=faint), MAP)
-    assert poor is not None
     assert poor.richness < 0.5 * KEY.richness
     reading = reading_of(ALIGNMENT.slopes_share, AT_START, AT_START, AT_START)
     assert aligner_on(0.0, 0j, reading, [poor, KEY, KEY]).used.tolist() == [1, 2]

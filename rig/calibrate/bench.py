@@ -22,10 +22,10 @@ from rig.bench.operators import ConsoleOperator
 from rig.bench.plan import Plan, PlannedMotion, make_plan
 from rig.bench.source import session_bench
 from rig.config import BenchConfig
-from rig.live.onlookers import Event, tell
 from rig.tactile.contact.background import mean_background
 from rig.tactile.contact.finder import ContactFinder
 from rig.tactile.contact.gate import TouchDebounce
+from rig.terminal.onlookers import Event, tell
 
 
 @dataclass(frozen=True, slots=True)

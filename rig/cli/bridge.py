@@ -11,8 +11,6 @@ from rig.cli.live import (
     desk_of,
     is_simulated,
     run_desk,
-    settings_of,
-    sources_of,
     stopped_by_person,
 )
 from rig.declared import option
@@ -68,7 +66,7 @@ def ros2(source: LiveSourceOptions, how: LiveAngleOptions, to: BridgeOptions) ->
         from rig.live.ros2_bridge import Ros2Bridge
 
         compute_in_one_thread()
-        desk = stack.enter_context(desk_of(sources_of(source), settings_of(source, how), stack))
+        desk = stack.enter_context(desk_of(source, how, stack))
         publisher = Ros2Bridge(to.domain, SystemClock())
         topics = ", ".join(publisher.topics([*desk.sensors]))
         marked = mark(is_simulated(source.sources))

@@ -11,10 +11,13 @@ from types import FrameType
 from typing import TYPE_CHECKING
 
 from drivers.errors import EstimatorError, InputError, OperatorStopError, RigError, SessionError
-from rig.live.output import discard
+from rig.terminal.screen import discard
 
 if TYPE_CHECKING:
     from rig.tactile.sample import EstimatorFaults
+
+
+NO_BROWSER = "no browser could be started: open the address above in a browser on this computer"
 
 
 class Exit(IntEnum):

@@ -70,9 +70,9 @@ def compare(options: CompareOptions) -> None:
 
 def _sides(options: CompareOptions) -> "tuple[tuple[Side, Side], str]":
     """Return both sides and a sentence that describes them. Raises `InputError`."""
-    from rig.live.terminal import WorkProgress
     from rig.report.sides import estimator_side, session_side
     from rig.results.notes import lift_note
+    from rig.terminal.progress import WorkProgress
 
     first, second, on = options.first, options.second, options.on
     if first == second:
@@ -97,10 +97,10 @@ def _file_part(name: str) -> str:
 
 
 def _print(found: "Comparison") -> None:
-    from rig.live.tables import console_table, table_console
     from rig.report.compare import verdict
     from rig.report.compare_page import figure_table, object_table
     from rig.results.metrics import FEWEST_LIFTS, INTERVAL
+    from rig.terminal.tables import console_table, table_console
 
     console = table_console()
     title = f"{found.names[1]} minus {found.names[0]}; {INTERVAL} if there are at least {FEWEST_LIFTS} lifts"

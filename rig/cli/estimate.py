@@ -8,7 +8,7 @@ from drivers.errors import InputError
 from rig.cli.common import emit_json, mark, report_broken, report_faults, say
 from rig.cli.options import JsonOption, TopicOption
 from rig.declared import argument, file_place, folder_place, option
-from rig.live.screen import begin_phase
+from rig.terminal.screen import begin_phase
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

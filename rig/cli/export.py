@@ -43,7 +43,7 @@ def export(options: ExportOptions) -> None:
       rig export sessions/2026-11-21T101500_obj7_record --to labelme
 
     """
-    from rig.live.screen import begin_phase
+    from rig.terminal.screen import begin_phase
 
     folder = options.out or options.session / "export" / options.to
     begin_phase(f"exporting to {options.to}")

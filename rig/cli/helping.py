@@ -10,7 +10,7 @@ from typer.core import TyperCommand, TyperGroup
 
 from drivers.errors import nearest
 from rig.declared import with_options
-from rig.live.screen import begin_phase
+from rig.terminal.screen import begin_phase
 
 SIMULATED_BENCHES = ("fake", "hard", "wire")
 """The built-in benches."""

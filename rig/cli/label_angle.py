@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from drivers.errors import InputError, counted
-from rig.cli.common import emit_json, mark, say
+from rig.cli.common import NO_BROWSER, emit_json, mark, say
 from rig.cli.options import JsonOption, TopicOption
 from rig.declared import argument, option
 
@@ -47,11 +47,8 @@ def label_angle(options: LabelAngleOptions) -> None:
       rig label-angle clips/pen_2 --reference 15 --count 6 --no-browser
 
     """
-    _label(options)
+    import webbrowser
 
-
-def _label(options: LabelAngleOptions) -> None:
-    """Show the page until the labels are written."""
     from rig.frames.clips import LABELS, clip_frames
     from rig.frames.series import read_frames
     from rig.labels.angle_clip import background_of, load_clip
@@ -74,17 +71,10 @@ def _label(options: LabelAngleOptions) -> None:
     log = LineLog(clip / LINES, to_label, drawn)
     with AngleServer(to_label, log) as server, way_to(server.address) as way:
         say(f"draw the lines at {server.address}")
-        if options.browser:
-            _open(way)
+        if options.browser and not webbrowser.open(way):
+            say(NO_BROWSER)
         while (labels := server.labels_written(timeout_s=0.2)) is None:
             pass
     say(f"{counted(labels, 'label')} written to {out}")
     if options.json:
         emit_json({"out": str(out), "labels": labels, "frames": len(to_label.frames)})
-
-
-def _open(way: str) -> None:
-    import webbrowser
-
-    if not webbrowser.open(way):
-        say("no browser could be started: open the address above in a browser on this computer")

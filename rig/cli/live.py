@@ -8,17 +8,18 @@ import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from drivers.clock import SystemClock, to_ns
 from drivers.errors import EstimatorError, InputError
-from rig.cli.common import STOPS, Exit, mark, say
+from rig.cli.common import NO_BROWSER, STOPS, Exit, mark, say
 from rig.declared import argument, option
+from rig.terminal.screen import shown
 
 if TYPE_CHECKING:
-    from drivers.interfaces import FrameSource
-    from rig.live.desk import Desk, DeskSettings
-    from rig.live.desk_sensor import Reading
+    from rig.live.desk import Desk, Reading
     from rig.live.feed import Listener
     from rig.live.watch import WatchPage
 
@@ -115,44 +116,39 @@ def live(source: LiveSourceOptions, how: LiveAngleOptions, view: LiveViewOptions
       rig live fake fake --terminal --seconds 10
 
     """
+    page, summaries = None, []
     with stopped_by_person() as stopped, ExitStack() as stack:
-        summaries = _show_live(source, how, view, stack, stopped)
+        import webbrowser
+
+        from drivers.realtime import compute_in_one_thread
+        from rig.live.watch import WatchPage, watch_address
+        from rig.pages.redirect import way_to
+
+        if view.watch_at is not None and (view.terminal or view.json):
+            raise InputError("--watch-at is the address of the page: leave it out, or --terminal and --json")
+        name = f"{mark(is_simulated(source.sources))}rig live {' '.join(source.sources)}"
+        if not view.terminal and not view.json:  # its process starts up while this one imports the rest
+            page = WatchPage(watch_address(view.watch_at), name, estimators=offered(how.estimator))
+            stack.callback(page.close)
+        desk = desk_of(source, how, stack, view.clips, () if page is None else (page.listener,))
+        say(f"{name}{'' if page is None else f' at {page.address}'}; press Ctrl-C to end")
+        if page is not None and view.browser:
+            secret = bool(page.process.access.key)
+            if not webbrowser.open(stack.enter_context(way_to(page.address)) if secret else page.address):
+                say(NO_BROWSER)
+        compute_in_one_thread()
+        stack.enter_context(desk)
+        show: Callable[[Reading], None] = lambda reading: None  # noqa: E731 - a page needs no lines
+        if view.json:
+            show = partial(_print_json, stopped)
+        elif view.terminal:
+            show = stack.enter_context(_Terminal())
+        run_desk(desk, show, view.seconds, stopped, page)
+        if desk.fault is not None:
+            raise EstimatorError(f"ended; the estimator failed: {desk.fault}")
+        if not desk.ended:  # the summaries of sources that have ended were shown then
+            summaries = [f"{sensor.name}: {sensor.summary}" for sensor in desk.sensors.values()]
     say("\n".join([*summaries, "ended"]))
-
-
-def _show_live(
-    source: LiveSourceOptions,
-    how: LiveAngleOptions,
-    view: LiveViewOptions,
-    stack: ExitStack,
-    stopped: threading.Event,
-) -> list[str]:
-    """Run the desk, with its page if there is one, until `stopped` is set.
-
-    Returns the summaries of the sensors; none if the sources have ended, because they were shown then.
-    """
-    from drivers.realtime import compute_in_one_thread
-
-    if view.watch_at is not None and (view.terminal or view.json):
-        raise InputError("--watch-at is the address of the page: leave it out, or --terminal and --json")
-    page = None if view.terminal or view.json else _page(source, how.estimator, view, stack)
-    sources, settings = sources_of(source), settings_of(source, how, view.clips)
-    listeners = [] if page is None else [page.listener]
-    shown_at = "" if page is None else f" at {page.address}"
-    say(f"{_name(source)}{shown_at}; press Ctrl-C to end")
-    if page is not None and view.browser:
-        _open(page, stack)
-    compute_in_one_thread()
-    desk = stack.enter_context(desk_of(sources, settings, stack, listeners))
-    run_desk(desk, _shown(view, stack, stopped), view.seconds, stopped, page)
-    if desk.fault is not None:
-        raise EstimatorError(f"ended; the estimator failed: {desk.fault}")
-    return [] if desk.ended else [f"{sensor.name}: {sensor.summary}" for sensor in desk.sensors.values()]
-
-
-def _name(source: LiveSourceOptions) -> str:
-    """Return the command with its sensors, with the prefix "SIMULATED " if one of them is simulated."""
-    return f"{mark(is_simulated(source.sources))}rig live {' '.join(source.sources)}"
 
 
 def is_simulated(sources: Sequence[str]) -> bool:
@@ -163,18 +159,7 @@ def is_simulated(sources: Sequence[str]) -> bool:
     return any(text == FAKE or is_simulated_clip(Path(text)) for text in sources)
 
 
-def _page(
-    source: LiveSourceOptions, estimator: str | None, view: LiveViewOptions, stack: ExitStack
-) -> "WatchPage":
-    """Start the process that serves the page; it starts up while this process imports the rest."""
-    from rig.live.watch import WatchPage, watch_address
-
-    page = WatchPage(watch_address(view.watch_at), _name(source), estimators=_offered(estimator))
-    stack.callback(page.close)
-    return page
-
-
-def _offered(estimator: str | None) -> tuple[str, ...]:
+def offered(estimator: str | None) -> tuple[str, ...]:
     """Return the estimators that the user can choose from. estimator: named on the command line."""
     from rig.tactile.estimators import DEFAULT_ESTIMATOR, ESTIMATORS, TOSKOV
 
@@ -182,67 +167,44 @@ def _offered(estimator: str | None) -> tuple[str, ...]:
     return tuple(name for name in names if name != TOSKOV)
 
 
-def _open(page: "WatchPage", stack: ExitStack) -> None:
-    """Open the page in the browser."""
-    import webbrowser
+def desk_of(
+    source: LiveSourceOptions,
+    how: LiveAngleOptions,
+    stack: ExitStack,
+    clips: Path = CLIPS,
+    listeners: "Sequence[Listener]" = (),
+) -> "Desk":
+    """Return the desk of the options; its sensors are not connected yet.
 
-    from rig.pages.redirect import way_to
-
-    secret = bool(page.process.access.key)
-    if not webbrowser.open(stack.enter_context(way_to(page.address)) if secret else page.address):
-        say("no browser could be started: open the address above in a browser on this computer")
-
-
-def sources_of(source: LiveSourceOptions) -> "list[FrameSource]":
-    """Return the sensors of the options, not connected yet. Raises `InputError`, `DeviceError`."""
-    from rig.bench.live_source import SENSORS, live_sources
-
-    if len(source.sources) > 2:
-        raise InputError(
-            f"{len(source.sources)} sources: give one, or two sensors that touch the same object"
-        )
-    if source.sensor not in (None, *SENSORS):
-        raise InputError(f"--sensor {source.sensor}: choose one of {', '.join(SENSORS)}")
-    return live_sources(source.sources, source.sensor, source.fps)
-
-
-def settings_of(source: LiveSourceOptions, how: LiveAngleOptions, clips: Path = CLIPS) -> "DeskSettings":
-    """Return how the desk of the options runs. Raises `InputError`."""
+    listeners: viewers that its messages go to. Raises `InputError`, `DeviceError`.
+    """
     from drivers.images import read_image
-    from rig.bench.live_source import serial_of
+    from rig.bench.live_source import SENSORS, live_sources, serial_of
     from rig.frames.estimation import require_frames_suffice
-    from rig.live.desk import DeskSettings
+    from rig.live.desk import Desk, DeskSettings
+    from rig.live.feed import LiveFeed, Sender
     from rig.tactile.estimators import choose_estimator
 
-    if how.gel is not None and len(source.sources) > 1:
+    texts = source.sources
+    if len(texts) > 2:
+        raise InputError(f"{len(texts)} sources: give one, or two sensors that touch the same object")
+    if source.sensor not in (None, *SENSORS):
+        raise InputError(f"--sensor {source.sensor}: choose one of {', '.join(SENSORS)}")
+    sources = live_sources(texts, source.sensor, source.fps)
+    if how.gel is not None and len(texts) > 1:
         raise InputError("--gel is for one sensor: leave it out, or give one source")
     choice = choose_estimator(how.estimator, gel=how.gel)
     require_frames_suffice(choice)
-    background = None if how.background is None else read_image(how.background)
-    signs = (1, 1) if source.same_side else (1, -1)
-    serials = tuple(serial_of(text) for text in source.sources)
-    return DeskSettings(
+    settings = DeskSettings(
         choice,
-        signs,
-        background,
-        how.pixel_aspect,
-        clips,
-        serials,
-        is_simulated(source.sources),
-        _offered(how.estimator),
+        signs=(1, 1) if source.same_side else (1, -1),
+        background=None if how.background is None else read_image(how.background),
+        aspect=how.pixel_aspect,
+        clips=clips,
+        serials=tuple(map(serial_of, texts)),
+        simulated=is_simulated(texts),
+        estimators=offered(how.estimator),
     )
-
-
-def desk_of(
-    sources: "Sequence[FrameSource]",
-    settings: "DeskSettings",
-    stack: ExitStack,
-    listeners: "Sequence[Listener]" = (),
-) -> "Desk":
-    """Return the desk of sensors that are not connected yet. listeners: viewers that its messages go to."""
-    from rig.live.desk import Desk
-    from rig.live.feed import LiveFeed, Sender
-
     sender = Sender(LiveFeed(tuple(listeners)))
     stack.callback(sender.close)
     return Desk(sources, settings, sender)
@@ -285,8 +247,6 @@ def run_desk(
     show: called with each reading. seconds: time limit in s; None for no limit. page: whose buttons are
     handled.
     """
-    from drivers.clock import SystemClock, to_ns
-
     clock, notice = SystemClock(), ""
     end_ns = None if seconds is None else clock.now_ns() + to_ns(seconds)
     while not stopped.is_set() and (end_ns is None or clock.now_ns() < end_ns):
@@ -301,14 +261,7 @@ def run_desk(
             return
 
 
-def _shown(view: LiveViewOptions, stack: ExitStack, stopped: threading.Event) -> "Callable[[Reading], None]":
-    """Return the function that prints a reading; with a page it prints nothing."""
-    if view.json:
-        return lambda reading: _print_json(reading, stopped)
-    return stack.enter_context(_Terminal()) if view.terminal else lambda reading: None
-
-
-def _print_json(reading: "Reading", stopped: threading.Event) -> None:
+def _print_json(stopped: threading.Event, reading: "Reading") -> None:
     """Print a reading as one line of JSON; set `stopped` if the reader has gone, as after `| head`."""
     print(json.dumps(reading.values()), flush=True)
     if getattr(sys.stdout, "reader_gone", False):
@@ -321,7 +274,7 @@ class _Terminal:
     def __init__(self) -> None:
         from rich.live import Live
 
-        from rig.live.console import PlainConsole
+        from rig.terminal.tables import PlainConsole
 
         self._lines: dict[str, str] = {}
         self._due_ns: dict[str, int] = {}
@@ -330,8 +283,6 @@ class _Terminal:
         self._shown = ExitStack()
 
     def __enter__(self) -> "_Terminal":
-        from rig.live.screen import shown
-
         if self._live is not None:
             self._shown.enter_context(shown(self._live))
         return self
@@ -341,33 +292,12 @@ class _Terminal:
 
     def __call__(self, reading: "Reading") -> None:
         """Print a reading if the interval since the sensor's last line is over."""
-        from drivers.clock import to_ns
-
         if reading.time_ns < self._due_ns.get(reading.name, 0):
             return
         every_s = PLAIN_EVERY_S if self._live is None else TERMINAL_EVERY_S
         self._due_ns[reading.name] = reading.time_ns + to_ns(every_s)
-        self._lines[reading.name] = _line(reading)
+        self._lines[reading.name] = reading.line()
         if self._live is None:
             print(self._lines[reading.name], flush=True)
         else:
             self._live.update("\n".join(self._lines.values()), refresh=True)
-
-
-def _line(reading: "Reading") -> str:
-    from drivers.clock import NS_PER_S
-
-    sample = reading.sample
-    angle = "angle     -    "
-    if sample is not None and sample.angle_deg is not None:
-        sigma = "" if sample.sigma_deg is None else f" +- {sample.sigma_deg:.1f}"
-        angle = f"angle {sample.angle_deg:+6.1f}{sigma} deg"
-    rate = "" if sample is None or sample.rate_deg_s is None else f", {sample.rate_deg_s:+.1f} deg/s"
-    slip = "  SLIP" if sample is not None and sample.slip else ""
-    if reading.slips_s and not slip:
-        slip = f", last slip {reading.time_ns / NS_PER_S - reading.slips_s[-1]:.1f} s ago"
-    fps = "-" if reading.fps is None else f"{reading.fps:.0f}"
-    return (
-        f"{reading.name}: {angle}{rate}, {reading.state}{slip}; {fps} frames/s, {reading.dropped} dropped, "
-        f"{1e3 * reading.latency_s:.0f} ms"
-    )

@@ -34,8 +34,7 @@ from rig.cli.sessions import sessions
 from rig.cli.teach import teach
 from rig.cli.train import train, train_angle, train_turning
 from rig.cli.trial import trial
-from rig.live.output import Output, guarded_output
-from rig.live.screen import begin_phase, plain
+from rig.terminal.screen import Output, begin_phase, guarded_output, plain
 from rig.version import VERSION
 
 app = Commands(

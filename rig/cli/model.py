@@ -26,9 +26,9 @@ def estimators(json: JsonOption = False) -> None:
 
     """
     from drivers.named_classes import installed_classes
-    from rig.live.tables import console_table, table_console
     from rig.tactile.estimators import DEFAULT_ESTIMATOR, ESTIMATORS
     from rig.tactile.foreign import GROUP
+    from rig.terminal.tables import console_table, table_console
 
     found: list[dict[str, Any]] = [{"name": name, "from": "the rig", "class": None} for name in ESTIMATORS]
     for of in installed_classes(GROUP):
@@ -119,7 +119,7 @@ def _size(text: str) -> tuple[int, int]:
 
 
 def _print(cards: list[dict[str, Any]]) -> None:
-    from rig.live.tables import console_table, table_console
+    from rig.terminal.tables import console_table, table_console
 
     columns = ("network", "input", "px", "trained on", "test Dice", "test IoU", "file", "MB")
     title = "Networks of the rig; Dice and IoU on objects that are not in the training data"

@@ -84,7 +84,7 @@ def _list_objects(
         listed = [{**each.model_dump(mode="json"), "from": where} for each, where in found]
         emit_json({"objects": listed})
         return
-    from rig.live.tables import table_console
+    from rig.terminal.tables import table_console
 
     table_console(to_stderr=False).print(_table(found))
 
@@ -109,7 +109,7 @@ def new_object(
 
 
 def _table(found: "list[tuple[GraspFile, str]]") -> "Table":
-    from rig.live.tables import console_table
+    from rig.terminal.tables import console_table
 
     columns = ("id", "name", "positions", "widths", "surfaces", "turns", "in trials", "from")
     rows = [

@@ -79,10 +79,10 @@ def play(of: SourceOptions, film: FilmOptions, json: JsonOption = False) -> None
       rig play lift.avi --background first:10 --out turn.webm
 
     """
-    from rig.live.screen import begin_phase
     from rig.report.film import write_film
     from rig.report.film_file import film_place
     from rig.sessions.recording_file import gaps_text
+    from rig.terminal.screen import begin_phase
 
     name, default, shown = _shown(of)
     asked = film.out or default

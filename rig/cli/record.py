@@ -15,8 +15,8 @@ from rig.cli.report import report_after
 from rig.cli.resuming import agreed, bench_of, continued, may_be_continued
 from rig.cli.watching import Work, dry_run, watched
 from rig.declared import option, resumed
-from rig.live.onlookers import telling
-from rig.live.questions import ask
+from rig.terminal.onlookers import telling
+from rig.terminal.questions import ask
 
 if TYPE_CHECKING:
     from rig.config import BenchConfig
@@ -163,8 +163,8 @@ def _record_all(
     from rig.bench.source import session_bench
     from rig.experiments.record import recording_plan, run_record
     from rig.live.feed import LiveFeed
-    from rig.live.terminal import OneMessage, WorkProgress
     from rig.sessions.rows import read_poses
+    from rig.terminal.progress import OneMessage, WorkProgress
 
     simulated, config = mark(settings.bench.simulated), settings.bench
     question = f"{recording_plan(settings).text()}\nBegin?"

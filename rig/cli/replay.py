@@ -67,8 +67,8 @@ def replay(options: ReplayOptions) -> None:
 def _replay_one(session: Path, options: ReplayOptions) -> None:
     from rig.experiments.lift_plan import stored_trial
     from rig.experiments.replay import run_replay
-    from rig.live.terminal import WorkProgress
     from rig.results.notes import lift_note
+    from rig.terminal.progress import WorkProgress
 
     began = time.perf_counter()
     trial = stored_trial(session, options.estimator, options.window)
@@ -110,9 +110,9 @@ def _replay_many(options: ReplayOptions) -> None:
 def _replay_all(paths: list[Path], folder: Path, options: ReplayOptions) -> None:
     from rig.experiments.batch_replay import gather_sessions, plan_replays, replay_manifest, run_replays
     from rig.experiments.process_pool import runner
-    from rig.live.terminal import WorkProgress
     from rig.results.notes import row_note
     from rig.results.table import results_json
+    from rig.terminal.progress import WorkProgress
 
     began, estimator, window = time.perf_counter(), options.estimator, options.window
     run = runner(options.engine, trial_jobs(options.jobs, True, False))

@@ -6,8 +6,8 @@ from pathlib import Path
 from rig.cli.common import print_result, say
 from rig.cli.options import JsonOption
 from rig.declared import argument, file_place, folder_place, option
-from rig.live.onlookers import report_written
-from rig.live.screen import begin_phase
+from rig.terminal.onlookers import report_written
+from rig.terminal.screen import begin_phase
 
 
 def report_after(folder: Path, unwanted: bool) -> str | None:

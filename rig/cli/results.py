@@ -45,8 +45,8 @@ def results(
 
 def print_results(rows: "list[Line]", by: By, to_stderr: bool) -> None:
     """Print the summary of a table's rows by object or by session, then the broken sessions."""
-    from rig.live.tables import table_console
     from rig.results.table import by_reaction, measured, summarize_table
+    from rig.terminal.tables import table_console
 
     console = table_console(to_stderr)
     good = [row for row in rows if measured(row)]
@@ -73,9 +73,9 @@ def trial_table(summary: "TrialSummary", simulated: str, wall_s: float, to_stder
 
     simulated: prefix of printed results, as of `mark`. wall_s: run time.
     """
-    from rig.live.tables import table_console
     from rig.results.metrics import mare_text
     from rig.results.notes import reaction_text, turn_distribution
+    from rig.terminal.tables import table_console
 
     console = table_console(to_stderr)
     console.print(object_table(summary, simulated, summary.reacting.kind if summary.reacting else "none"))
@@ -94,8 +94,8 @@ def object_table(summary: "TrialSummary", simulated: str, react: str = "none") -
 
     simulated: prefix of the title, as of `mark`. react: name of the reaction to slip.
     """
-    from rig.live.tables import console_table
     from rig.results.metrics import HEADING, mare_text
+    from rig.terminal.tables import console_table
 
     reacting = "" if react == "none" else f"; reaction to slip: {react}"
     title = f"{simulated}rotational error per object, degrees: {HEADING}{reacting}"
@@ -120,9 +120,9 @@ def object_table(summary: "TrialSummary", simulated: str, react: str = "none") -
 
 
 def _session_table(rows: "list[Line]") -> "Table":
-    from rig.live.tables import console_table
     from rig.results.metrics import HEADING, mare_text
     from rig.results.table import by_reaction, summarize_table
+    from rig.terminal.tables import console_table
 
     columns = ("session", "estimator", "reaction", "lifts", "phase B", "phases B and C", "answered")
     lines = []

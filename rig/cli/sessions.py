@@ -12,7 +12,7 @@ from drivers.progress import steps
 from rig.cli.common import emit_json, say
 from rig.cli.options import JsonOption
 from rig.declared import argument, file_place, option
-from rig.live.screen import begin_phase, end_phase
+from rig.terminal.screen import begin_phase, end_phase
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -90,7 +90,7 @@ def sessions(options: ListOptions) -> None:
 
 def _print(options: ListOptions, entries: "list[SessionEntry]") -> None:
     """Print the table and the problems of broken sessions."""
-    from rig.live.tables import table_console
+    from rig.terminal.tables import table_console
 
     console = table_console(to_stderr=options.json)
     if entries:
@@ -182,7 +182,7 @@ def _columns(entries: "list[SessionEntry]") -> dict[str, list[str]]:
 
 
 def _table(folder: Path, entries: "list[SessionEntry]") -> "Table":
-    from rig.live.tables import console_table
+    from rig.terminal.tables import console_table
 
     columns = _columns(entries)
     left = [i for i, name in enumerate(columns) if name not in ("done", "MB")]

@@ -10,8 +10,8 @@ from rig.cli.common import Exit, mark, print_result, say
 from rig.cli.options import BenchOptions, JsonOption
 from rig.cli.watching import dry_run
 from rig.declared import argument, option
-from rig.live.questions import ask, press, waited
-from rig.live.screen import begin_phase
+from rig.terminal.questions import ask, press, waited
+from rig.terminal.screen import begin_phase
 
 if TYPE_CHECKING:
     from rig.calibrate.teaching import Lesson, TaughtPosition

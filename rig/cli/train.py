@@ -128,7 +128,7 @@ def train(options: TrainOptions, networks: NetworkOptions) -> None:
 
     """
     require_training()
-    from rig.live.terminal import TrainingView
+    from rig.terminal.progress import TrainingView
     from rig.training.run import train_all
 
     settings, data = _settings(options, networks), options.data
@@ -177,7 +177,7 @@ def train_angle(options: AngleOptions, run: RunOptions) -> None:
     """
     require_training()
     from drivers.errors import unknown_name
-    from rig.live.terminal import TrainingView
+    from rig.terminal.progress import TrainingView
     from rig.training.angles import EPOCHS, LIFTS, AngleSettings, train_angles
 
     name, sessions = options.network, tuple(options.data or ())
@@ -214,7 +214,7 @@ def train_turning(options: TurningOptions, run: RunOptions) -> None:
 
     """
     require_training()
-    from rig.live.terminal import TrainingView
+    from rig.terminal.progress import TrainingView
     from rig.training.turning_net import train_turning
 
     say(f"turning from {options.faces} SIMULATED faces, seed {run.seed}, into {run.out}")
@@ -241,7 +241,7 @@ def require_training() -> None:
 
 
 def _print(cards: list[dict[str, Any]], to_stderr: bool) -> None:
-    from rig.live.tables import console_table, table_console
+    from rig.terminal.tables import console_table, table_console
 
     columns = ("network", "fold", "Dice", "IoU", "ms per frame", "int8 Dice", "settings")
     simulated = "SIMULATED objects" if all(card["simulated"] for card in cards) else "objects"

@@ -24,9 +24,9 @@ from rig.cli.resuming import (
 )
 from rig.cli.watching import Work, dry_run, watched
 from rig.declared import option, resumed
-from rig.live.onlookers import telling
-from rig.live.questions import ask
-from rig.live.screen import begin_phase
+from rig.terminal.onlookers import telling
+from rig.terminal.questions import ask
+from rig.terminal.screen import begin_phase
 
 if TYPE_CHECKING:
     from rig.bench.plan import Plan
@@ -268,8 +268,9 @@ def _lift_all(
     from rig.bench.source import session_bench
     from rig.experiments.trial import run_trial
     from rig.live.session import live_session
-    from rig.live.terminal import OneMessage, TrialView
+    from rig.live.trial_view import TrialView
     from rig.results.notes import lift_note
+    from rig.terminal.progress import OneMessage
 
     folder, settings = trial.folder, trial.settings
     title = f"{trial.simulated}trial on bench '{settings.bench.name}', {folder}"

@@ -12,8 +12,8 @@ import typer
 
 from rig.cli.common import Exit, print_result, say
 from rig.cli.options import WatchOptions
-from rig.live.onlookers import observed_by, report_to
-from rig.live.screen import begin_phase
+from rig.terminal.onlookers import observed_by, report_to
+from rig.terminal.screen import begin_phase
 
 if TYPE_CHECKING:
     from rig.bench.plan import Plan

@@ -28,7 +28,6 @@ from rig.experiments.grasp_plans import derived_seed
 from rig.experiments.pose_attempt import PoseTask, RecordSettings, arm_pose, attempt_pose, hand_pose
 from rig.experiments.pose_capture import ReferenceCapture
 from rig.live.feed import NOBODY, LiveFeed
-from rig.live.screen import begin_phase
 from rig.sessions.about import NO_REMARKS, Remarks
 from rig.sessions.files import reference_file
 from rig.sessions.manifest import RecordManifest, begun_on
@@ -36,6 +35,7 @@ from rig.sessions.records import POSES, PoseRow
 from rig.sessions.session import Session, open_session
 from rig.tactile.contact.background import mean_background
 from rig.tactile.contact.finder import ContactFinder
+from rig.terminal.screen import begin_phase
 
 MANIFEST_COLUMNS: tuple[str, ...] = (
     "file",

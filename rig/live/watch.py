@@ -17,13 +17,12 @@ from pathlib import Path
 from urllib.parse import unquote
 
 from drivers.errors import InputError, RigError
-from rig.live.actions import offered_actions
-from rig.live.feed import Inbox, Listener
-from rig.live.onlookers import Event
-from rig.live.watch_state import Progress, StateNews, WatchState
+from rig.live.feed import ESTIMATOR, RECORD, REFERENCE, TAKE_BACKGROUND, Inbox, Listener
+from rig.live.state import Progress, StateNews, WatchState
 from rig.pages.page import render
 from rig.pages.requests import FORBIDDEN, LOOPBACK, NOT_ALLOWED, NOT_FOUND, Answer, Request
 from rig.pages.serving import PageProcess
+from rig.terminal.onlookers import Event
 
 TOKEN = "x-rig-token"  # noqa: S105 - its name
 """Header of requests that change something; its token is contained only in the page."""
@@ -121,7 +120,8 @@ class Watched:
 
     def __init__(self, progress: Progress, address: str, estimators: tuple[str, ...] = ()) -> None:
         self._token = secrets.token_urlsafe(16)
-        self._actions = offered_actions(estimators) if estimators else frozenset[str]()
+        names = (REFERENCE, TAKE_BACKGROUND, RECORD, *(f"{ESTIMATOR} {name}" for name in estimators))
+        self._actions = frozenset(names if estimators else ())
         self._html = render(
             "rig.live", "watch.html", title=progress.title, estimators=estimators, token=self._token
         ).encode()

@@ -13,8 +13,8 @@ from rig.cli.common import mark, print_result, say
 from rig.cli.options import BenchOption, DryRunOption, JsonOption, SeedOption, WatchOptions, YesOption
 from rig.cli.watching import Work, dry_run, watched
 from rig.declared import folder_place, option
-from rig.live.questions import ask, ask_line
-from rig.live.screen import begin_phase
+from rig.terminal.questions import ask, ask_line
+from rig.terminal.screen import begin_phase
 
 if TYPE_CHECKING:
     from drivers.types import Frame

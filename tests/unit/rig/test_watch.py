@@ -24,10 +24,10 @@ import pytest
 from drivers.errors import InputError, OperatorStopError
 from drivers.images import encode_jpeg
 from rig.live.feed import Inbox, Listener, LiveFeed, Message, Sender
-from rig.live.onlookers import Event, asked, observed_by, tell, telling
+from rig.live.state import KEPT_FAULTS, KEPT_POINTS, RECORD_HEAD, Progress, StateNews, WatchState
 from rig.live.watch import WatchPage, watch_address
-from rig.live.watch_state import KEPT_FAULTS, KEPT_POINTS, RECORD_HEAD, Progress, StateNews, WatchState
 from rig.pages.serving import BURST, MOST_PER_S
+from rig.terminal.onlookers import Event, asked, observed_by, tell, telling
 from support import waiting
 from support.browser import NEEDS_CHROMIUM, Browser
 

@@ -20,8 +20,8 @@ from rig.experiments.lift_plan import TrialSettings
 from rig.experiments.pose_attempt import RecordSettings
 from rig.experiments.record import recording_plan
 from rig.experiments.trial import trial_plan
-from rig.live.questions import ask
 from rig.tactile.estimators import choose_estimator
+from rig.terminal.questions import ask
 
 
 def real_bench() -> BenchConfig:

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from drivers.errors import OperatorStopError
-from rig.live.onlookers import asked
+from rig.terminal.onlookers import asked
 
 
 def ask(question: str) -> bool:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, TypeVar
 
-from rig.live.screen import set_aside
+from rig.terminal.screen import set_aside
 
 
 @dataclass(frozen=True, slots=True)

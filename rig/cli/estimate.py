@@ -1,6 +1,6 @@
 """`rig estimate`: estimate the rotation of the contact in your own tactile frames."""
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,10 +11,7 @@ from rig.declared import argument, file_place, folder_place, option
 from rig.terminal.screen import begin_phase
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from rig.frames.estimation import EstimatedSeries, Estimation
-    from rig.tactile.sample import EstimatorFaults
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,17 +125,22 @@ def estimate(source: SourceOptions, how: EstimationOptions, to: ResultOptions) -
       rig estimate TactileTracking/key0 --out key0.csv
 
     """
-    _estimate(source, how, to)
-
-
-def _estimate(source: SourceOptions, how: EstimationOptions, to: ResultOptions) -> None:
-    """Estimate a session, a recording or other frames."""
+    from rig.frames.estimation import Estimation
     from rig.sessions.files import is_recording
     from rig.sessions.manifest import is_session
+    from rig.tactile.estimators import choose_estimator
 
     frames = source.frames
     of_session, of_recording = is_session(frames), is_recording(frames)
-    run = _run(source, how, of_session or of_recording)
+    of_rig = of_session or of_recording
+    choice = choose_estimator(how.estimator, how.window, gel=how.gel)
+    run = Estimation(choice, how.background, how.reference_time, how.lift_from, how.pixel_aspect)
+    if of_rig and (source.timestamps is not None or source.fps is not None or run.lift is not None):
+        raise InputError(f"{frames} contains its times: leave --timestamps, --fps and --lift-from out")
+    if of_rig and how.gel is not None:
+        raise InputError(f"{frames} is of several sensors: leave --gel out, or give frames of one")
+    if of_rig and source.topic is not None:
+        raise InputError(f"{frames} is not a ROS bag: leave --topic out, or give --sensor")
     folder_place(to.out if of_session else to.out and to.out.parent)  # created if it is missing
     if of_session:
         _session(source, run, to)
@@ -146,25 +148,6 @@ def _estimate(source: SourceOptions, how: EstimationOptions, to: ResultOptions) 
         _recording(source, run, to)
     else:
         _series(source, run, to, how.gel)
-
-
-def _run(source: SourceOptions, how: EstimationOptions, of_rig: bool) -> "Estimation":
-    """Return the settings of the estimation.
-
-    of_rig: whether the frames are of a recording or session, which contains its times. Raises `InputError`.
-    """
-    from rig.frames.estimation import Estimation
-    from rig.tactile.estimators import choose_estimator
-
-    choice = choose_estimator(how.estimator, how.window, gel=how.gel)
-    run = Estimation(choice, how.background, how.reference_time, how.lift_from, how.pixel_aspect)
-    if of_rig and (source.timestamps is not None or source.fps is not None or run.lift is not None):
-        raise InputError(f"{source.frames} contains its times: leave --timestamps, --fps and --lift-from out")
-    if of_rig and how.gel is not None:
-        raise InputError(f"{source.frames} is of several sensors: leave --gel out, or give frames of one")
-    if of_rig and source.topic is not None:
-        raise InputError(f"{source.frames} is not a ROS bag: leave --topic out, or give --sensor")
-    return run
 
 
 def _series(source: SourceOptions, run: "Estimation", to: ResultOptions, gel: Path | None) -> None:
@@ -184,9 +167,7 @@ def _series(source: SourceOptions, run: "Estimation", to: ResultOptions, gel: Pa
     begin_phase(f"estimating with {run.choice.name}")
     done = run.of_series(series)
     figures = _report(f"{mark(series.simulated)}{path}", done, run)
-    _deliver(rows(done.estimate, mm_per_px), figures, to)
-    _page(to.page, [done], path, run, series.simulated)
-    report_faults(_faults([done]))
+    _deliver(rows(done.estimate, mm_per_px), figures, to, [done], path, run, series.simulated)
 
 
 def _recording(source: SourceOptions, run: "Estimation", to: ResultOptions) -> None:
@@ -204,9 +185,8 @@ def _recording(source: SourceOptions, run: "Estimation", to: ResultOptions) -> N
         samples += [{**row, "sensor": tip.serial} for row in rows(done.estimate)]
         report = _report(f"{path}, {tip.serial}", done, run)
         figures.append({"serial": tip.serial, "sign": tip.sign, **report})
-    _deliver(samples, {"recording": str(path), "sensors": figures}, to)
-    _page(to.page, shown, path, run, recording_values(path).get("simulated") == "SIMULATED")
-    report_faults(_faults(shown))
+    simulated = recording_values(path).get("simulated") == "SIMULATED"
+    _deliver(samples, {"recording": str(path), "sensors": figures}, to, shown, path, run, simulated)
 
 
 def _session(source: SourceOptions, run: "Estimation", to: ResultOptions) -> None:
@@ -227,7 +207,7 @@ def _session(source: SourceOptions, run: "Estimation", to: ResultOptions) -> Non
         file = out / f"{tip.lift}_{tip.serial}.csv"
         _write(file, table(rows(done.estimate)))
         figures = _report(f"lift {tip.lift}, {tip.serial}", done, run)
-        faults += _faults([done])
+        faults += [done.faults] if done.faults else []
         lifts.append({"lift": tip.lift, "serial": tip.serial, "sign": tip.sign, **figures, "out": str(file)})
     if to.json:
         emit_json({"session": str(path), "out": str(out), "lifts": lifts})
@@ -235,8 +215,16 @@ def _session(source: SourceOptions, run: "Estimation", to: ResultOptions) -> Non
     report_faults(faults)
 
 
-def _deliver(samples: list[dict[str, object]], figures: dict[str, object], to: ResultOptions) -> None:
-    """Write the table to its file or to stdout; with --json and without --out put the rows in the JSON."""
+def _deliver(
+    samples: list[dict[str, object]],
+    figures: dict[str, object],
+    to: ResultOptions,
+    shown: "list[EstimatedSeries]",
+    source: Path,
+    run: "Estimation",
+    simulated: bool,
+) -> None:
+    """Write the table and the page; with --json and without --out put the rows in the JSON."""
     from rig.frames.estimates import table
 
     if to.out is not None:
@@ -245,24 +233,15 @@ def _deliver(samples: list[dict[str, object]], figures: dict[str, object], to: R
         print(table(samples), end="")
     if to.json:
         emit_json({**figures, **({"samples": samples} if to.out is None else {"out": str(to.out)})})
+    if to.page is not None:
+        from rig.report.own_frames import estimate_page
+        from rig.report.write import write_page
 
-
-def _page(
-    page: Path | None,
-    shown: "list[EstimatedSeries]",
-    source: Path,
-    run: "Estimation",
-    simulated: bool = False,
-) -> None:
-    if page is None:
-        return
-    from rig.report.own_frames import estimate_page
-    from rig.report.write import write_page
-
-    about = f"Estimator {run.choice.name}; {', '.join(dict.fromkeys(one.background for one in shown))}."
-    begin_phase("writing the page")
-    write_page(page, estimate_page(shown, source.name, about, simulated))
-    say(f"page: {page}")
+        about = f"Estimator {run.choice.name}; {', '.join(dict.fromkeys(one.background for one in shown))}."
+        begin_phase("writing the page")
+        write_page(to.page, estimate_page(shown, source.name, about, simulated))
+        say(f"page: {to.page}")
+    report_faults(one.faults for one in shown if one.faults)
 
 
 def _write(file: Path, text: str) -> None:
@@ -275,17 +254,11 @@ def _write(file: Path, text: str) -> None:
 
 def _report(what: str, done: "EstimatedSeries", run: "Estimation") -> dict[str, object]:
     """Print the summary on stderr and return it for the JSON output."""
-    from dataclasses import asdict
-
     for warning in done.warnings:
         say(f"warning: {warning}")
     say(done.background)
     say(f"{what}: {run.choice.name}, {done.text}")
     settings = {"estimator": run.choice.name, "window": run.choice.window, "background": done.background}
     about = {"frames_from": what, **settings, "angles_from": done.angles_from}
-    warnings = [*done.warnings, *map(str, _faults([done]))]
+    warnings = [*done.warnings, *([str(done.faults)] if done.faults else [])]
     return {**about, **asdict(done.figures), "warnings": warnings}
-
-
-def _faults(done: "Sequence[EstimatedSeries]") -> "list[EstimatorFaults]":
-    return [faults for one in done if (faults := one.faults)]

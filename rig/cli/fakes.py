@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from drivers.errors import OperatorStopError
 from rig.cli.common import print_result, say
 from rig.cli.helping import Commands
 from rig.cli.options import JsonOption, ObjectsOption, SeedOption
@@ -49,7 +50,6 @@ def serve(options: ServeOptions) -> None:
       rig fakes fault arm protective_stop --bench fakes.toml
 
     """
-    from drivers.errors import OperatorStopError
     from rig.bench.fakes_process import hosted_fakes
     from rig.config import load_bench
     from rig.config.write import bench_text, write_bench

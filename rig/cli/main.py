@@ -120,16 +120,12 @@ def _run(printed: Output) -> None:
         app()
     except SystemExit as end:
         if isinstance(end.code, int) and end.code != 0:
-            emit_error(_framed_text(printed.tail()), "UsageError", end.code)
+            # the text inside the frame in which typer prints a usage error; without a frame the last line
+            tail = printed.tail()
+            framed = [line.strip("│ ") for line in tail.splitlines() if line.startswith("│")]
+            emit_error(" ".join(framed or tail.strip().splitlines()[-1:]), "UsageError", end.code)
         _ignore_stops()
         raise
-
-
-def _framed_text(text: str) -> str:
-    """Return the text inside the frame in which typer prints a usage error; without a frame the last line."""
-    framed = [line.strip("│ ") for line in text.splitlines() if line.startswith("│")]
-    lines = framed or text.strip().splitlines()[-1:]
-    return " ".join(lines)
 
 
 def _end(message: str, kind: str, code: Exit) -> None:

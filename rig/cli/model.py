@@ -5,9 +5,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from drivers.errors import InputError
 from rig.cli.common import emit_json, print_result, say
 from rig.cli.helping import Commands
 from rig.cli.options import JsonOption
+from rig.cli.train import require_training
 from rig.declared import argument, file_place, option
 
 model = Commands(no_args_is_help=True, help="List the networks of the rig; import a checkpoint of your own.")
@@ -52,12 +54,21 @@ def list_models(json: JsonOption = False) -> None:
 
     """
     from rig.frames.masks import shipped_cards
+    from rig.terminal.tables import console_table, table_console
 
-    cards = shipped_cards()
+    cards, rows = shipped_cards(), []
     if json:
         emit_json({"models": cards})
-    else:
-        _print(cards)
+        return
+    for card in cards:
+        data = "SIMULATED frames" if card["simulated"] else card["data"]
+        (width, height), test, shipped = card["size_px"], card["test"], card["shipped"]
+        about = card["name"], card["inputs"], f"{width} x {height}", f"{data}, {card['fold']['name']}"
+        size = shipped["file"], f"{shipped['bytes'] / 1e6:.2f}"
+        rows.append((*about, f"{test['dice']:.3f}", f"{test['iou']:.3f}", *size))
+    columns = ("network", "input", "px", "trained on", "test Dice", "test IoU", "file", "MB")
+    title = "Networks of the rig; Dice and IoU on objects that are not in the training data"
+    table_console().print(console_table(columns, rows, range(len(columns)), title))
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,44 +103,20 @@ def import_model(options: ImportOptions) -> None:
       rig segment frames/ --model authors.onnx --out masks
 
     """
-    from rig.cli.train import require_training
-
     require_training()
     from rig.training.checkpoint import import_checkpoint
     from rig.training.networks import find_architecture
 
-    arch, size, out = find_architecture(options.arch), _size(options.size), options.out
-    card = import_checkpoint(options.checkpoint, arch, options.encoder, size, options.threshold, out)
+    arch, out = find_architecture(options.arch), options.out
+    size = re.fullmatch(r"(\d{1,5})x(\d{1,5})", options.size)
+    if size is None:
+        raise InputError(f"--size {options.size}: give WIDTHxHEIGHT in px, as 256x320")
+    card = import_checkpoint(
+        options.checkpoint, arch, options.encoder, (int(size[2]), int(size[1])), options.threshold, out
+    )
     difference = card["largest_difference_from_library"]
     say(
         f"{out}: {card['title']}, {card['files']['fp32']['bytes'] / 1e6:.1f} MB; logits differ from the "
         f"library's by at most {difference:.1g}"
     )
     print_result(options.json, {"out": str(out), **card}, out)
-
-
-def _size(text: str) -> tuple[int, int]:
-    """Return (height, width) from WIDTHxHEIGHT."""
-    from drivers.errors import InputError
-
-    match = re.fullmatch(r"(\d{1,5})x(\d{1,5})", text)
-    if match is None:
-        raise InputError(f"--size {text}: give WIDTHxHEIGHT in px, as 256x320")
-    return int(match[2]), int(match[1])
-
-
-def _print(cards: list[dict[str, Any]]) -> None:
-    from rig.terminal.tables import console_table, table_console
-
-    columns = ("network", "input", "px", "trained on", "test Dice", "test IoU", "file", "MB")
-    title = "Networks of the rig; Dice and IoU on objects that are not in the training data"
-    table_console().print(console_table(columns, map(_cells, cards), range(len(columns)), title))
-
-
-def _cells(card: dict[str, Any]) -> list[str]:
-    data = "SIMULATED frames" if card["simulated"] else card["data"]
-    (width, height), test, shipped = card["size_px"], card["test"], card["shipped"]
-    return [
-        card["name"], card["inputs"], f"{width} x {height}", f"{data}, {card['fold']['name']}",
-        f"{test['dice']:.3f}", f"{test['iou']:.3f}", shipped["file"], f"{shipped['bytes'] / 1e6:.2f}",
-    ]  # fmt: skip

@@ -1,18 +1,13 @@
 """`rig bench`, `rig objects`, `rig new`: write files and packages of a lab's own; list the objects."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Literal
 
 import typer
 
 from rig.cli.common import emit_json, say
 from rig.cli.helping import Commands
 from rig.cli.options import BenchOption, JsonOption, ObjectsOption
-
-if TYPE_CHECKING:
-    from rich.table import Table
-
-    from protocols.grasps import GraspFile
 
 bench = Commands(no_args_is_help=True, help="Write a bench file, which describes the devices of a bench.")
 objects = Commands(help="List the objects that can be grasped; write an object file of your own.")
@@ -75,6 +70,7 @@ def _list_objects(
     from protocols.grasps import load_grasp_files
     from rig.config import load_bench
     from rig.config.objects import objects_folder, read_objects
+    from rig.terminal.tables import console_table, table_console
 
     load_bench(bench)
     folder = objects_folder(bench, own)
@@ -84,9 +80,21 @@ def _list_objects(
         listed = [{**each.model_dump(mode="json"), "from": where} for each, where in found]
         emit_json({"objects": listed})
         return
-    from rig.terminal.tables import table_console
-
-    table_console(to_stderr=False).print(_table(found))
+    rows = [
+        (
+            each.id,
+            each.name,
+            ", ".join(position.name for position in each.position),
+            ", ".join(f"{1e3 * position.width_m:g}" for position in each.position),
+            ", ".join(position.surface or "?" for position in each.position),
+            str(len(each.orientations_deg)),
+            f"{sum(position.lift_height_m > 0.0 for position in each.position)} of {len(each.position)}",
+            where,
+        )
+        for each, where in found
+    ]
+    columns = ("id", "name", "positions", "widths", "surfaces", "turns", "in trials", "from")
+    table_console().print(console_table(columns, rows, range(len(columns)), "objects; widths in mm"))
 
 
 @objects.command("new")
@@ -106,26 +114,6 @@ def new_object(
     new_object_file(file)
     say(f"fill in the grasp positions, then check the file with: rig objects --objects {file.parent}")
     print(file)
-
-
-def _table(found: "list[tuple[GraspFile, str]]") -> "Table":
-    from rig.terminal.tables import console_table
-
-    columns = ("id", "name", "positions", "widths", "surfaces", "turns", "in trials", "from")
-    rows = [
-        (
-            each.id,
-            each.name,
-            ", ".join(position.name for position in each.position),
-            ", ".join(f"{1e3 * position.width_m:g}" for position in each.position),
-            ", ".join(position.surface or "?" for position in each.position),
-            str(len(each.orientations_deg)),
-            f"{sum(position.lift_height_m > 0.0 for position in each.position)} of {len(each.position)}",
-            where,
-        )
-        for each, where in found
-    ]
-    return console_table(columns, rows, range(len(columns)), "objects; widths in mm")
 
 
 def new(

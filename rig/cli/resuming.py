@@ -27,36 +27,21 @@ def bench_of(
 ) -> "BenchConfig":
     """Return the bench on the command line; for --resume with --out but without --bench the stored one.
 
-    command: key of `rig.config.parts.NEEDS`. Raises `InputError` if a device that it needs is missing, or if
-    the stored copy cannot be used.
+    command: key of `rig.config.parts.NEEDS`. Raises `InputError` if a device that it needs is missing, and if
+    the stored copy is contradictory, lacks a password, or has a class of the user's own: such a class runs
+    code, so the operator must name the bench file on the command line.
     """
+    from rig.config.load import require_consistent
     from rig.config.objects import with_objects
     from rig.config.parts import require_parts
     from rig.sessions.manifest import BenchManifest, is_session, read_manifest
 
-    folder = session.out if session.resume else None
-    if folder is None or is_given(context, "bench") or not is_session(folder):
+    folder = session.out if session.resume and not is_given(context, "bench") else None
+    manifest = None if folder is None or not is_session(folder) else read_manifest(folder)
+    if folder is None or not isinstance(manifest, BenchManifest):
         return bench.config(command)
-    manifest = read_manifest(folder)
-    if not isinstance(manifest, BenchManifest):
-        return bench.config(command)
-    config = _stored_bench(folder, manifest.config)
-    require_parts(config, command)
-    if bench.own_objects is None:
-        return config
-    return with_objects(config, bench.bench, bench.own_objects)
-
-
-def _stored_bench(folder: Path, config: "BenchConfig") -> "BenchConfig":
-    """Return the bench stored in a session.
-
-    Raises `InputError` if it is contradictory, lacks a password, or has a class of the user's own: such a
-    class runs code, so the operator must name the bench file on the command line.
-    """
-    from rig.config.load import require_consistent
-
+    config, why = manifest.config, ""
     require_consistent(config, str(folder / "session.json"))
-    why = ""
     if config.own_drivers:
         why = f"it names {', '.join(sorted(config.own_drivers))}, which runs only if you name the bench file"
     elif "***" in config.model_dump_json(include={"arm", "gripper", "tactile", "camera"}):
@@ -65,8 +50,9 @@ def _stored_bench(folder: Path, config: "BenchConfig") -> "BenchConfig":
         raise InputError(
             f"{folder}: the stored bench '{config.name}' cannot be used: {why}: add --bench FILE"
         )
-    print(f"bench '{config.name}' as stored in {folder}", file=sys.stderr, flush=True)
-    return config
+    say(f"bench '{config.name}' as stored in {folder}")
+    require_parts(config, command)
+    return config if bench.own_objects is None else with_objects(config, bench.bench, bench.own_objects)
 
 
 def agreed(context: typer.Context, bench: BenchOptions, config: "BenchConfig") -> bool:

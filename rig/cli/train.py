@@ -1,15 +1,15 @@
 """`rig train`, `rig train-angle`, `rig train-turning`: train networks (extra `train`)."""
 
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from drivers.errors import InputError, unknown_name
 from rig.cli.common import emit_json, print_result, say
 from rig.cli.options import JsonOption, SeedOption
 from rig.declared import argument, folder_place, option
-
-if TYPE_CHECKING:
-    from rig.training.settings import TrainSettings
+from rig.terminal.progress import TrainingView
 
 EPOCHS, PAPER_EPOCHS = 10, 30
 
@@ -128,26 +128,15 @@ def train(options: TrainOptions, networks: NetworkOptions) -> None:
 
     """
     require_training()
-    from rig.terminal.progress import TrainingView
-    from rig.training.run import train_all
-
-    settings, data = _settings(options, networks), options.data
-    say(f"{'SIMULATED frames' if data == 'simulated' else data}, seed {options.seed}, into {options.out}")
-    with TrainingView() as view:
-        cards = train_all(options.out, settings, options.resume, view)
-    _print(cards, options.json)
-    if options.json:
-        emit_json({"out": str(options.out), "models": cards})
-
-
-def _settings(options: TrainOptions, networks: NetworkOptions) -> "TrainSettings":
     from rig.labels.datasets import FOLDS, find_fold
+    from rig.terminal.tables import console_table, table_console
     from rig.training.networks import ARCHITECTURES, find_architecture
+    from rig.training.run import train_all
     from rig.training.settings import TrainSettings, checked_units
 
-    architectures = ARCHITECTURES if options.everything else networks.arch or ["ours"]
-    return TrainSettings(
-        data=options.data,
+    data, architectures = options.data, ARCHITECTURES if options.everything else networks.arch or ["ours"]
+    settings = TrainSettings(
+        data=data,
         architectures=tuple(map(find_architecture, architectures)),
         folds=tuple(map(find_fold, FOLDS if options.everything else options.fold or ["D_s3"])),
         encoder=networks.encoder,
@@ -159,6 +148,21 @@ def _settings(options: TrainOptions, networks: NetworkOptions) -> "TrainSettings
         threads=networks.threads,
         units=checked_units(options.units),
     )
+    say(f"{'SIMULATED frames' if data == 'simulated' else data}, seed {options.seed}, into {options.out}")
+    with TrainingView() as view:
+        cards = train_all(options.out, settings, options.resume, view)
+    rows = []
+    for card in cards:
+        test, int8 = card["test"], card["files"]["int8"]
+        scores = [f"{test[name]:.3f} ± {test[f'{name}_std']:.3f}" for name in ("dice", "iou")]
+        figures = *scores, f"{card['ms_per_frame']:.2f}", f"{int8['dice']:.3f}"
+        rows.append((card["title"], card["fold"]["name"], *figures, card["settings"]))
+    columns = ("network", "fold", "Dice", "IoU", "ms per frame", "int8 Dice", "settings")
+    simulated = "SIMULATED objects" if all(card["simulated"] for card in cards) else "objects"
+    title = f"Test on {simulated} that are not in the training data, mean ± standard deviation"
+    table_console(options.json).print(console_table(columns, rows, range(len(columns)), title))
+    if options.json:
+        emit_json({"out": str(options.out), "models": cards})
 
 
 def train_angle(options: AngleOptions, run: RunOptions) -> None:
@@ -176,8 +180,6 @@ def train_angle(options: AngleOptions, run: RunOptions) -> None:
 
     """
     require_training()
-    from drivers.errors import unknown_name
-    from rig.terminal.progress import TrainingView
     from rig.training.angles import EPOCHS, LIFTS, AngleSettings, train_angles
 
     name, sessions = options.network, tuple(options.data or ())
@@ -214,7 +216,6 @@ def train_turning(options: TurningOptions, run: RunOptions) -> None:
 
     """
     require_training()
-    from rig.terminal.progress import TrainingView
     from rig.training.turning_net import train_turning
 
     say(f"turning from {options.faces} SIMULATED faces, seed {run.seed}, into {run.out}")
@@ -228,30 +229,9 @@ def train_turning(options: TurningOptions, run: RunOptions) -> None:
 
 def require_training() -> None:
     """Raise `InputError` with the command to install the extra `train` if a package of it is missing."""
-    from importlib.util import find_spec
-
-    from drivers.errors import InputError
-
     needed = ("torch", "segmentation_models_pytorch", "onnx", "onnxscript")
     if missing := [name for name in needed if find_spec(name) is None]:
         raise InputError(
             f'{", ".join(missing)} not installed: training needs an extra: pip install -e ".[train]" '
             "(on a computer without a GPU, install the CPU build of torch first)"
         )
-
-
-def _print(cards: list[dict[str, Any]], to_stderr: bool) -> None:
-    from rig.terminal.tables import console_table, table_console
-
-    columns = ("network", "fold", "Dice", "IoU", "ms per frame", "int8 Dice", "settings")
-    simulated = "SIMULATED objects" if all(card["simulated"] for card in cards) else "objects"
-    title = f"Test on {simulated} that are not in the training data, mean ± standard deviation"
-    table = console_table(columns, map(_cells, cards), range(len(columns)), title)
-    table_console(to_stderr).print(table)
-
-
-def _cells(card: dict[str, Any]) -> list[str]:
-    test, int8 = card["test"], card["files"]["int8"]
-    dice, iou = (f"{test[name]:.3f} ± {test[f'{name}_std']:.3f}" for name in ("dice", "iou"))
-    figures = dice, iou, f"{card['ms_per_frame']:.2f}", f"{int8['dice']:.3f}"
-    return [card["title"], card["fold"]["name"], *figures, card["settings"]]

@@ -48,7 +48,7 @@ def watched(context: typer.Context, work: Work, options: WatchOptions) -> "Itera
     page = WatchPage(watch_address(options.watch_at), work.title, work.what, work.done, work.total)
     context.call_on_close(page.close)
     context.call_on_close(report_to(page.show_report))
-    with observed_by(page.tell):
+    with observed_by(page.show_event):
         say(f"watch page: {page.address}")
         yield (page.listener,)
 

@@ -79,7 +79,7 @@ class WatchPage:
         query = self.process.access.query
         self.address = f"http://{host}:{self.process.port}/{query and f'?{query}'}"
 
-    def tell(self, event: Event) -> None:
+    def show_event(self, event: Event) -> None:
         """Show an event; never blocks. Each message has the complete progress, so a lost one does no harm."""
         self._progress = self._progress.after(event)
         self.process.send(json.dumps(asdict(self._progress)).encode())

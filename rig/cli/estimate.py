@@ -11,7 +11,7 @@ from rig.declared import argument, file_place, folder_place, option
 from rig.terminal.screen import begin_phase
 
 if TYPE_CHECKING:
-    from rig.frames.estimation import EstimatedSeries, Estimation
+    from rig.frames.estimates import EstimatedSeries, Estimation
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,7 +125,7 @@ def estimate(source: SourceOptions, how: EstimationOptions, to: ResultOptions) -
       rig estimate TactileTracking/key0 --out key0.csv
 
     """
-    from rig.frames.estimation import Estimation
+    from rig.frames.estimates import Estimation
     from rig.sessions.files import is_recording
     from rig.sessions.manifest import is_session
     from rig.tactile.estimators import choose_estimator

@@ -62,16 +62,15 @@ def explain(options: ExplainOptions) -> None:
         if (options.background, options.pixel_aspect, options.topic) != (None, None, None):
             own = "--background, --pixel-aspect and --topic"
             raise InputError(f"{options.frames} is a session: leave {own} out")
-        found = explained_lift(options.frames, options.lift, options.serial)
+        turn = explained_lift(options.frames, options.lift, options.serial)
     else:
-        found = explained_frames(options.frames, options.background, options.pixel_aspect, options.topic)
-    turn = found.turn
+        turn = explained_frames(options.frames, options.background, options.pixel_aspect, options.topic)
     figures: dict[str, object] = {"angle_deg": turn.angle_deg, "sigma_deg": turn.sigma_deg}
     if options.height is None:
-        picture = stages_picture(turn, found.background, found.aspect, found.title)
+        picture = stages_picture(turn)
     else:
         gel = read_gel_map(options.height)
-        picture, shape = height_picture(turn, found.background, gel, found.title)
+        picture, shape = height_picture(turn, gel)
         arrays = io.BytesIO()
         np.savez_compressed(arrays, depth_mm=shape.depth_mm, normals=shape.normals)
         write_file(options.out.with_suffix(".npz"), arrays.getvalue())

@@ -180,7 +180,7 @@ def desk_of(
     """
     from drivers.images import read_image
     from rig.bench.live_source import SENSORS, live_sources, serial_of
-    from rig.frames.estimation import require_frames_suffice
+    from rig.frames.estimates import require_frames_suffice
     from rig.live.desk import Desk, DeskSettings
     from rig.live.feed import LiveFeed, Sender
     from rig.tactile.estimators import choose_estimator

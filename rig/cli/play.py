@@ -11,7 +11,7 @@ from rig.declared import argument, file_place, option
 from rig.terminal.screen import begin_phase
 
 if TYPE_CHECKING:
-    from rig.frames.estimation import EstimatedSeries
+    from rig.frames.estimates import EstimatedSeries
     from rig.report.film import Filmed
 
 
@@ -128,7 +128,7 @@ def _lifts(of: SourceOptions) -> "list[Filmed]":
 
 def _frames(of: SourceOptions) -> "EstimatedSeries":
     """Estimate frames as `rig estimate` does."""
-    from rig.frames.estimation import Estimation
+    from rig.frames.estimates import Estimation
     from rig.frames.series import read_frames
     from rig.tactile.estimators import choose_estimator
 

@@ -8,7 +8,7 @@ from hashlib import sha256
 from pathlib import Path
 from statistics import median
 from time import perf_counter
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -35,14 +35,6 @@ from rig.tactile.contact.segmenter import (
 CLASSICAL = "classical"
 DEFAULT_MODEL = "ours"
 UNREADABLE = "unreadable"
-
-
-class FrameSegmenter(Protocol):
-    """Finds the contact in frames and classifies each frame."""
-
-    def segment(self, image: Image) -> Segmentation:
-        """Return the contact in an (H, W, 3) uint8 RGB frame. Raises `InputError`."""
-        ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,6 +110,7 @@ class ClassicalSegmenter:
         return Segmentation(contact_of(moved_outline(contact.mask, self._margin)), FrameState.CONTACT)
 
 
+FrameSegmenter = Segmenter | ClassicalSegmenter
 MakeSegmenter = Callable[[Image | None], FrameSegmenter]
 """Makes the segmenter of a sensor from its background. Raises `InputError`."""
 
@@ -261,17 +254,15 @@ def shipped_cards() -> list[dict[str, Any]]:
     The added key `shipped` contains name, size, hash and precision of the shipped file. Raises `InputError`
     if the hash of a file is not in its card.
     """
-    return [_card(name) for name in SHIPPED]
-
-
-def _card(name: str) -> dict[str, Any]:
-    card = json.loads((MODELS / f"{name}.json").read_text(encoding="utf-8"))
-    digest = sha256((MODELS / f"{name}.onnx").read_bytes()).hexdigest()
-    for precision, facts in card["files"].items():
-        if facts["sha256"] == digest:
-            return {
-                **card,
-                "name": name,
-                "shipped": {**facts, "file": f"{name}.onnx", "precision": precision},
-            }
-    raise InputError(f"the shipped network '{name}' does not match its model card: install the rig again")
+    cards = []
+    for name in SHIPPED:
+        card = json.loads((MODELS / f"{name}.json").read_text(encoding="utf-8"))
+        digest = sha256((MODELS / f"{name}.onnx").read_bytes()).hexdigest()
+        precision = next((p for p, facts in card["files"].items() if facts["sha256"] == digest), None)
+        if precision is None:
+            raise InputError(
+                f"the shipped network '{name}' does not match its model card: install the rig again"
+            )
+        shipped = {**card["files"][precision], "file": f"{name}.onnx", "precision": precision}
+        cards.append({**card, "name": name, "shipped": shipped})
+    return cards

@@ -28,7 +28,7 @@ from drivers.errors import (
 from drivers.interfaces import FrameSource
 from drivers.tally import FrameTally
 from drivers.types import Frame, Image
-from rig.frames.estimation import require_frames_suffice
+from rig.frames.estimates import require_frames_suffice
 from rig.frames.streaming import StreamingEstimator
 from rig.lift.fusion import FusedAngles
 from rig.live.clip_writer import ClipWriter, clip_folder

@@ -16,15 +16,13 @@ from drivers.formats import MAX_TIME_S
 from drivers.realtime import compute_in_one_thread
 from drivers.types import Image
 from drivers.values import short_repr
-from rig.frames.estimates import estimate_series, without_angles, zeroed
-from rig.frames.estimation import checked, require_frames_suffice
+from rig.frames.estimates import estimate_checked, require_frames_suffice, zeroed
 from rig.frames.series import FrameSeries, TimedFrame, evenly_spread, find_background
 from rig.frames.streaming import StreamingEstimator, checked_sign
 from rig.frames.times import LEAST_FPS, MAX_FPS, FrameTime, checked_times, sparse_note
 from rig.report.curves import AXIS_DEG, TURN_DEG, unwrapped
 from rig.results.metrics import summarize
 from rig.tactile.angles import Angles
-from rig.tactile.contact.background_check import BackgroundCheck
 from rig.tactile.estimators import ASPECTS, MAX_WINDOW, choose_estimator
 from rig.tactile.foreign import ForeignEstimator
 from rig.tactile.paper.estimator import WindowMean
@@ -100,14 +98,11 @@ def estimate(
     check_frame(background)
     series = FrameSeries("frames", lambda: _timed(frames, seconds, fps))
     made = _made("estimate", estimator, background, window, pixel_aspect, 1, gel)
-    check = BackgroundCheck(background)
-    found = estimate_series(checked(series, check), made)
+    found, check = estimate_checked(series, made, background)
     if not found.samples:
         raise InputError("estimate: there are no frames")
     if faults := faults_of(found.samples):
         raise EstimatorError(str(faults))
-    if check.misfit:
-        found = without_angles(found)
     if check.doubt:
         warnings.warn(f"{check.doubt}: give a frame without contact as background", stacklevel=2)
     if frozen := sum(sample.state is State.FROZEN for sample in found.samples):

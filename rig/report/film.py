@@ -13,7 +13,7 @@ from drivers.errors import InputError, SessionError
 from drivers.progress import steps
 from drivers.types import Image
 from protocols.reaction import ReactionKind
-from rig.frames.estimation import EstimatedSeries
+from rig.frames.estimates import EstimatedSeries
 from rig.pages.palette import ESTIMATE, INK, MUTED, PAPER, PHASE, TRUTH
 from rig.report.curve_panel import CurvePanel, draw_panel
 from rig.report.film_file import Film, film_place, save_film

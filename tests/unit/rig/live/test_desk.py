@@ -13,7 +13,7 @@ import pytest
 from drivers.clock import SystemClock
 from drivers.errors import DeviceError, InputError
 from drivers.types import Frame
-from rig.frames.estimation import Estimation
+from rig.frames.estimates import Estimation
 from rig.frames.series import read_frames
 from rig.live.desk import Desk, DeskSensor, DeskSettings, Reading
 from rig.live.feed import OBJECT, Inbox, Listener, LiveFeed, Sender

@@ -39,7 +39,6 @@ _answered = False
 
 
 def emit_json(value: Mapping[str, object]) -> None:
-    """Print the JSON object that is the result of a command."""
     global _answered
     _answered = True
     print(json.dumps(value))
@@ -73,7 +72,6 @@ def emit_error(message: str, kind: str, code: int) -> None:
 
 
 def exit_code(error: RigError) -> Exit:
-    """Return the exit code of an error."""
     if isinstance(error, OperatorStopError):
         return Exit.STOPPED
     return Exit.USAGE if isinstance(error, InputError) else Exit.FAULT

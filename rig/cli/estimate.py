@@ -171,7 +171,6 @@ def _series(source: SourceOptions, run: "Estimation", to: ResultOptions, gel: Pa
 
 
 def _recording(source: SourceOptions, run: "Estimation", to: ResultOptions) -> None:
-    """Estimate all fingertips of one recording and write one table."""
     from rig.frames.estimates import rows
     from rig.frames.of_session import of_sensor, recording_frames
     from rig.sessions.recording_file import recording_values
@@ -190,7 +189,6 @@ def _recording(source: SourceOptions, run: "Estimation", to: ResultOptions) -> N
 
 
 def _session(source: SourceOptions, run: "Estimation", to: ResultOptions) -> None:
-    """Estimate a session and write one table per lift and sensor."""
     from rig.frames.estimates import rows, table
     from rig.frames.of_session import of_sensor, session_frames
 
@@ -253,7 +251,6 @@ def _write(file: Path, text: str) -> None:
 
 
 def _report(what: str, done: "EstimatedSeries", run: "Estimation") -> dict[str, object]:
-    """Print the summary on stderr and return it for the JSON output."""
     for warning in done.warnings:
         say(f"warning: {warning}")
     say(done.background)

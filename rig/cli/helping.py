@@ -23,7 +23,6 @@ class Commands(typer.Typer):
         super().__init__(**{"cls": Group, **settings})
 
     def command(self, name: str | None = None, **settings: Any) -> Callable[[Any], Any]:
-        """Register a function as a command."""
         register = super().command(name, cls=Command, **settings)
 
         def registered(declared: Any) -> Any:

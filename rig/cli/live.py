@@ -291,7 +291,6 @@ class _Terminal:
         self._shown.close()
 
     def __call__(self, reading: "Reading") -> None:
-        """Print a reading if the interval since the sensor's last line is over."""
         if reading.time_ns < self._due_ns.get(reading.name, 0):
             return
         every_s = PLAIN_EVERY_S if self._live is None else TERMINAL_EVERY_S

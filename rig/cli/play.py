@@ -127,7 +127,6 @@ def _lifts(of: SourceOptions) -> "list[Filmed]":
 
 
 def _frames(of: SourceOptions) -> "EstimatedSeries":
-    """Estimate frames as `rig estimate` does."""
     from rig.frames.estimates import Estimation
     from rig.frames.series import read_frames
     from rig.tactile.estimators import choose_estimator

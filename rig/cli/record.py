@@ -159,7 +159,6 @@ def _prepare(
 
 
 def _images(rows: "list[PoseRow]") -> tuple[dict[str, int], str]:
-    """Return the numbers of poses and images, and their text."""
     poses, images = sum(row.accepted for row in rows), sum(len(row.images) for row in rows)
     rejected = sum(row.rejected_frames for row in rows)
     text = (

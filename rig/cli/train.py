@@ -107,7 +107,6 @@ class RunOptions:
     json: JsonOption = False
 
     def finish(self, card: dict[str, Any], summary: str) -> None:
-        """Print the summary and the path of the trained network."""
         say(summary)
         print_result(self.json, {"out": str(self.out), **card}, self.out / "model.onnx")
 

@@ -257,7 +257,6 @@ def _lift_all(
     live: bool,
     watch: WatchOptions,
 ) -> "TrialSummary":
-    """Carry out the missing lifts; return the summary of all lifts."""
     from rig.bench.operators import ConsoleOperator
     from rig.bench.source import session_bench
     from rig.experiments.trial import run_trial

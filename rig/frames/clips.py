@@ -157,7 +157,6 @@ def _opened(path: Path) -> Iterator[tuple[IO[bytes], tuple[int, int, int]]]:
 
 
 def _shape(stream: IO[bytes], size: int) -> tuple[int, int, int]:
-    """Read the header. Raises one of `_DAMAGE`."""
     version = npy.read_magic(stream)
     if version not in _HEADERS:
         raise ValueError(f"its format is {version[0]}.{version[1]}")

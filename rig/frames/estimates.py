@@ -70,7 +70,6 @@ class Estimate:
 
     @property
     def angles(self) -> Angles:
-        """The angles in order of the frames' times."""
         times_ns = [time.time_ns for time in self.times]
         return Angles.of(replace(s, time_ns=t) for s, t in zip(self.samples, times_ns, strict=True))
 
@@ -247,7 +246,6 @@ def table(rows: Sequence[dict[str, object]]) -> str:
 
 
 def figures(estimate: Estimate) -> EstimateFigures:
-    """Return the summary of an estimate."""
     samples = estimate.samples
     refused = Counter(sample.state.value for sample in samples if sample.angle_deg is None)
     slip = next((time.text for time, s in zip(estimate.times, samples, strict=True) if s.slip), None)
@@ -387,7 +385,6 @@ class EstimatedSeries:
 
     @property
     def warnings(self) -> list[str]:
-        """The doubts, and warnings about the results."""
         found, more = self.figures, list(self.doubts)
         if note := sparse_note([time.time_ns for time in self.estimate.times]):
             more.append(note)

@@ -69,7 +69,6 @@ class SegmentedImage:
 
     @property
     def state(self) -> str:
-        """The frame's state as in tables."""
         return UNREADABLE if self.segmentation is None else self.segmentation.state.value
 
     @property
@@ -124,7 +123,6 @@ def segmenter_maker(choice: SegmentChoice) -> MakeSegmenter:
 
 
 def make_segmenter(choice: SegmentChoice, background: Image | None) -> FrameSegmenter:
-    """Make the segmenter of one sensor. Raises `InputError`."""
     return segmenter_maker(choice)(background)
 
 
@@ -237,7 +235,6 @@ def _group(files: list[Path], background: str | None, compare: bool) -> ImageGro
 
 
 def _files(path: Path) -> list[Path]:
-    """Return an image, or the images of a folder sorted by name."""
     if not path.exists():
         raise InputError(f"{path}: there is no such file or folder: check the path")
     if path.is_file():

@@ -39,7 +39,6 @@ Matrices = NDArray[np.float64]
 
 
 def is_trial(path: Path) -> bool:
-    """Whether a folder is a trial of TactileTracking."""
     return (path / TRIAL_VIDEO).is_file() and (path / TRIAL_POSES).is_file()
 
 

@@ -162,7 +162,6 @@ def _raw_image(message: Any, topic: str) -> Image | None:
 
 
 def _deserializer(bag: "Reader1 | Reader2") -> Callable[[bytes, str], Any]:
-    """Return the function that reads a message of a type."""
     from rosbags.rosbag1 import Reader as Reader1
     from rosbags.typesys import Stores, get_typestore
 

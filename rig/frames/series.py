@@ -101,7 +101,6 @@ class FrameSeries:
             yield frame
 
     def images(self) -> Iterator[Image]:
-        """Yield the images of the readable frames."""
         return (frame.image for frame in self if frame.image is not None)
 
 
@@ -181,7 +180,6 @@ def make_background(spec: str | None, series: FrameSeries) -> tuple[Image, str]:
 
 
 def size_text(shape: tuple[int, ...]) -> str:
-    """Return a size as text, width x height."""
     return f"{shape[1]} x {shape[0]} px"
 
 

@@ -169,7 +169,6 @@ def _texture_picture(image: Image, background: Image, size: tuple[int, int]) -> 
 
 
 def _signed(values: Field) -> Image:
-    """Draw values (h, w, C) as colours, 0 as mid grey."""
     scale = max(float(np.percentile(np.abs(values), BRIGHTEST)), 1e-9)
     levels = (128.0 + 127.0 * np.clip(values / scale, -1.0, 1.0)).astype(np.uint8)
     return np.broadcast_to(levels, (*values.shape[:2], 3))

@@ -79,7 +79,6 @@ class Reading:
     slips_s: tuple[float, ...] = ()
 
     def line(self) -> str:
-        """Return the reading as a line of text."""
         sample, angle = self.sample, "angle     -    "
         if sample is not None and sample.angle_deg is not None:
             sigma = "" if sample.sigma_deg is None else f" +- {sample.sigma_deg:.1f}"
@@ -95,7 +94,6 @@ class Reading:
         )
 
     def values(self) -> dict[str, object]:
-        """Return the reading as JSON values."""
         sample = self.sample
         return {
             "sensor": self.name,
@@ -318,7 +316,6 @@ class Desk:
 
     @property
     def ended(self) -> bool:
-        """Whether all sources have ended, as files do."""
         return self._open == 0
 
     @property
@@ -394,7 +391,6 @@ class Desk:
         return f"recording to {', '.join(str(s.clip.folder) for s in self.sensors.values() if s.clip)}"
 
     def _record(self, clip: ClipWriter, frame: Frame) -> None:
-        """Write a frame to a clip; if that fails, end the clips and go on."""
         try:
             clip.add(frame)
         except RecordingError as error:

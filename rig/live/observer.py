@@ -55,7 +55,6 @@ class PictureSender:
             self._sender.send("frame", values, small_jpeg(frame.image)[0])
 
     def close(self) -> None:
-        """Close the socket."""
         self._sender.close()
 
 
@@ -88,12 +87,10 @@ class LiveObserver(LiftEvents):
         self._send("lift", {})
 
     def phase(self, phase: Phase, time_ns: int) -> None:
-        """Begin a phase."""
         self._phase = phase.value
         self._send("phase", {"phase": phase.value, "time_ns": time_ns})
 
     def frame(self, frame: Frame) -> None:
-        """Send a frame and the newest figures, subject to their rate limits."""
         self._times.setdefault(frame.serial, deque(maxlen=RATE_FRAMES)).append(frame.time_ns)
         if frame.serial not in self._measurement.angle.tips:
             self._truth.append((frame.time_ns, self._measurement.truth.latest_angle_deg()))
@@ -103,7 +100,6 @@ class LiveObserver(LiftEvents):
             self._figures(frame.time_ns)
 
     def arm(self, state: ArmState) -> None:
-        """Send the arm's pose."""
         if self._pictures and self._due("arm"):
             pose = state.base_T_tcp
             values = {"position_m": pose.position_m, "quaternion_xyzw": pose.quaternion_xyzw}
@@ -149,7 +145,6 @@ class LiveObserver(LiftEvents):
 
 
 def _rate(times: "deque[int] | None") -> float | None:
-    """Return frames per second of the bench's time."""
     if times is None:
         return None
     span = times[-1] - times[0]

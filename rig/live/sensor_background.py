@@ -64,7 +64,6 @@ class SensorBackground:
 
     @property
     def collecting(self) -> bool:
-        """Whether the background is being taken."""
         return self._frames is not None
 
     @property

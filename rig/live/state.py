@@ -46,7 +46,6 @@ class SensorOnPage:
     added: int = 0
 
     def take(self, message: Message) -> None:
-        """Bring it up to date."""
         values = self.reading = message.values
         self.picture = message.picture
         time_s, angle_deg = values["t_s"], values["angle_deg"]
@@ -108,19 +107,16 @@ class LiftInView:
         return 0.0 if self.began_ns is None else (self.newest_ns - self.began_ns) / NS_PER_S
 
     def angles(self) -> str:
-        """Return the lift's title, phase and angles as text."""
         estimate, truth = ("-" if a is None else f"{a:+.1f} deg" for a in (self.estimate_deg, self.truth_deg))
         return f"{self.title}, phase {self.phase or '-'}: estimate {estimate}, markers {truth}"
 
     def frames(self) -> str:
-        """Return frames per second by source, and the number of dropped frames, as text."""
         rates = ", ".join(
             f"{source} {'-' if rate is None else f'{rate:.0f}'}" for source, rate in self.rates_hz.items()
         )
         return f"frames/s {rates or '-'}; dropped {sum(self.dropped.values())}"
 
     def values(self) -> dict[str, Any]:
-        """Return the lift as JSON values."""
         names = ("title", "phase", "estimate_deg", "truth_deg")
         curves = {"estimate": list(self.estimate), "truth": list(self.truth)}
         return {**{name: getattr(self, name) for name in names}, "frames": self.frames(), **curves}
@@ -165,7 +161,6 @@ class Progress:
     report: str = ""
 
     def after(self, event: Event) -> "Progress":
-        """Return the progress after an event."""
         text = event.text[:MOST_CHARACTERS]
         if event.kind == "progress":
             finished = (f"{event.done}/{event.total} {text}", *self.finished)[:KEPT_FINISHED]
@@ -210,7 +205,6 @@ class WatchState:
         return self._pictures.get(serial, (0, None))[1]
 
     def read(self) -> None:
-        """Process the received messages."""
         for message in self.take():
             self.version += 1
             if message.kind == "notice":

@@ -129,11 +129,9 @@ class Watched:
         self._state = WatchState(progress, self._inbox.take)
 
     def take(self, message: bytes) -> None:
-        """Receive the command's progress."""
         self._state.progress = Progress(**json.loads(message))
 
     def answer(self, request: Request) -> Answer:
-        """Answer a request."""
         if request.method == "POST" and request.path == "/do" and self._actions:
             return self._passed_on(request)
         if request.method != "GET":
@@ -151,7 +149,6 @@ class Watched:
         return self._picture(request.path)
 
     def close(self) -> None:
-        """Stop receiving."""
         self._inbox.close()
 
     def _passed_on(self, request: Request) -> Answer:

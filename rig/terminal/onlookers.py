@@ -32,7 +32,6 @@ _report_pages: list[Callable[[Path], None]] = []
 
 
 def announce(event: Event) -> None:
-    """Pass an event to all observers."""
     for observer in _observers:
         observer(event)
 
@@ -72,7 +71,6 @@ def report_to(page: Callable[[Path], None]) -> Callable[[], None]:
 
 
 def report_written(file: Path) -> None:
-    """Pass on the path of the command's report."""
     for page in _report_pages:
         page(file)
 

@@ -69,7 +69,6 @@ class TrainingView:
         end_phase()
 
     def __call__(self, text: str, share: float) -> None:
-        """Show the step and the finished fraction of the training."""
         self._left.piece_done(round(100.0 * share), 100)
         if "loss" in text:
             end_phase()

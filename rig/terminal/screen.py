@@ -297,7 +297,6 @@ class Output:
         """Whether the reader of the stream has closed it."""
 
     def tail(self) -> str:
-        """The last characters that were written."""
         return self._newest
 
     @property
@@ -309,7 +308,6 @@ class Output:
         return getattr(self._stream, name)
 
     def write(self, text: str) -> int:
-        """Write a text. Raises `RecordingError`."""
         end_phase()
         self._newest = (self._newest + text)[-TAIL:]
         try:
@@ -319,7 +317,6 @@ class Output:
         return len(text)
 
     def flush(self) -> None:
-        """Flush the stream. Raises `RecordingError`."""
         try:
             self._stream.flush()
         except OSError as error:

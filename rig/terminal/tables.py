@@ -44,7 +44,6 @@ class TableConsole(PlainConsole):
     """A console that fits tables to its width."""
 
     def print(self, *objects: Any, **options: Any) -> None:
-        """Print objects; tables are fitted to the width."""
         fits = (fitted(o, self) if isinstance(o, Table) else o for o in objects)
         super().print(*fits, **{"crop": False, **options})
 
@@ -114,7 +113,6 @@ def _narrowest(cells: Sequence[Text], height: int) -> int:
 
 
 def _height(text: Text, width: int) -> int:
-    """Return the number of lines of a text that is folded at spaces."""
     return sum(len(wrap(line, width, break_on_hyphens=False)) or 1 for line in text.plain.split("\n"))
 
 

@@ -50,11 +50,8 @@ def ros2(source: LiveSourceOptions, how: LiveAngleOptions, to: BridgeOptions) ->
 
     Examples:
       rig bridge ros2 fake
-
       rig bridge ros2 D20641 D20642 --domain 7
-
       rig bridge ros2 http://127.0.0.1:8080/stream.mjpg --background empty.png
-
     """
     from rig.config.extras import require_extra
 

@@ -34,11 +34,8 @@ def compare(options: CompareOptions) -> None:
 
     Examples:
       rig compare sessions/monday sessions/tuesday
-
       rig compare slip ellipse --on sessions/2026-11-21T093000_trial
-
       rig compare slip pca --on sessions/monday --out slip_pca.html --json
-
     """
     from rig.report.compare import compare_lifts, verdict
     from rig.report.compare_page import compare_page, figure_table, object_table

@@ -32,9 +32,7 @@ def doctor(options: DoctorOptions) -> None:
 
     Examples:
       rig doctor --bench my_bench.toml
-
       rig doctor --bench my_bench.toml --snapshot today --json
-
     """
     from rig.config import load_bench
     from rig.doctor.examination import examine

@@ -111,19 +111,12 @@ def estimate(source: SourceOptions, how: EstimationOptions, to: ResultOptions) -
 
     Examples:
       rig estimate lift.avi --background first:10 --out lift.csv --page lift.html
-
       rig estimate sessions/2026-11-21T093000_trial/lifts/001.mcap --sensor D20273
-
       rig estimate lift.avi --background first:10 --lift-from 2.4
-
       rig estimate frames/ --timestamps times.csv --reference-time 1.25
-
       rig estimate frames/ --background empty.png --estimator ellipse --json
-
       rig estimate bag/ --topic /digit_left/image_raw/compressed
-
       rig estimate TactileTracking/key0 --out key0.csv
-
     """
     from rig.frames.estimates import Estimation
     from rig.sessions.files import is_recording

@@ -41,11 +41,8 @@ def explain(options: ExplainOptions) -> None:
 
     Examples:
       rig explain frames/ --background empty.png --out stages.png
-
       rig explain sessions/2026-11-21T093000_trial --lift 3 --out stages.png
-
       rig explain frames/ --background empty.png --height calibrations/tactile-D20641.yaml --out height.png
-
     """
     import io
 

@@ -39,11 +39,8 @@ def export(options: ExportOptions) -> None:
 
     Examples:
       rig export sessions/2026-11-21T093000_trial --to csv
-
       rig export sessions/2026-11-21T093000_trial --to lerobot --out /data/lifts
-
       rig export sessions/2026-11-21T101500_obj7_record --to labelme
-
     """
     folder = options.out or options.session / "export" / options.to
     begin_phase(f"exporting to {options.to}")

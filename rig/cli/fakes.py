@@ -40,15 +40,10 @@ def serve(options: ServeOptions) -> None:
 
     Examples:
       rig fakes serve --write fakes.toml
-
       rig fakes serve --host 127.0.0.2 --polyscope 5.25.0 --write second.toml
-
       rig trial --bench fakes.toml --lifts 1 --object wrench
-
       rig fakes place wrench --bench fakes.toml
-
       rig fakes fault arm protective_stop --bench fakes.toml
-
     """
     from rig.bench.fakes_process import hosted_fakes
     from rig.config import load_bench
@@ -86,7 +81,6 @@ def place(
 
     Examples:
       rig fakes place wrench --bench fakes.toml
-
     """
     from rig.bench.fakes_process import fakes_control
     from rig.bench.twins import laid_as
@@ -110,9 +104,7 @@ def fault(
 
     Examples:
       rig fakes fault SIM-D0001 freeze --bench fakes.toml
-
       rig fakes fault all clear --bench fakes.toml
-
     """
     from rig.bench.fakes_process import fakes_control
     from rig.config import load_bench
@@ -126,7 +118,6 @@ def status(bench: ServedBench, json: JsonOption = False) -> None:
 
     Examples:
       rig fakes status --bench fakes.toml --json
-
     """
     from rig.bench.fakes_process import fakes_control, state_lines
     from rig.config import load_bench

@@ -27,8 +27,10 @@ class Commands(typer.Typer):
 
         def registered(declared: Any) -> Any:
             function = with_options(declared)
-            # The lines of each paragraph are joined, so that typer wraps them to the terminal's width.
-            function.__doc__ = re.sub(r"(?<!\n)\n(?![\n ])", " ", cleandoc(function.__doc__ or ""))
+            # Lines of a paragraph are joined, so that typer wraps them to the width of the terminal.
+            # Examples, which are indented, become paragraphs, so that it does not join them.
+            text = re.sub(r"(?<!\n)\n(?![\n ])", " ", cleandoc(function.__doc__ or ""))
+            function.__doc__ = re.sub(r"(\n  \S.*)(?=\n  \S)", r"\1\n", text)
             return register(function)
 
         return registered

@@ -43,9 +43,7 @@ def label_angle(options: LabelAngleOptions) -> None:
 
     Examples:
       rig label-angle clips/pen_2
-
       rig label-angle clips/pen_2 --reference 15 --count 6 --no-browser
-
     """
     import webbrowser
 

@@ -104,17 +104,11 @@ def live(source: LiveSourceOptions, how: LiveAngleOptions, view: LiveViewOptions
 
     Examples:
       rig live fake
-
       rig live D20641 --no-browser
-
       rig live /dev/video2 --sensor gelsight-mini
-
       rig live http://127.0.0.1:8080/stream.mjpg --json
-
       rig live lift.avi --terminal --background empty.png
-
       rig live fake fake --terminal --seconds 10
-
     """
     page, summaries = None, []
     with stopped_by_person() as stopped, ExitStack() as stack:

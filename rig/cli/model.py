@@ -23,9 +23,7 @@ def estimators(json: JsonOption = False) -> None:
 
     Examples:
       rig estimators
-
       rig estimators --json
-
     """
     from drivers.named_classes import installed_classes
     from rig.tactile.estimators import DEFAULT_ESTIMATOR, ESTIMATORS
@@ -49,9 +47,7 @@ def list_models(json: JsonOption = False) -> None:
 
     Examples:
       rig model list
-
       rig model list --json
-
     """
     from rig.frames.masks import shipped_cards
     from rig.terminal.tables import console_table, table_console
@@ -99,9 +95,7 @@ def import_model(options: ImportOptions) -> None:
 
     Examples:
       rig model import PSPNet_resnet18.pth --arch pspnet --out authors.onnx
-
       rig segment frames/ --model authors.onnx --out masks
-
     """
     require_training()
     from rig.training.checkpoint import import_checkpoint

@@ -25,9 +25,7 @@ def new_bench(file: Annotated[Path, typer.Argument(help="File to write, as my_be
 
     Examples:
       rig bench new my_bench.toml
-
       rig doctor --bench my_bench.toml
-
     """
     from rig.config.load import new_bench_file
 
@@ -42,7 +40,6 @@ def udev() -> None:
 
     Examples:
       rig bench udev | sudo tee /etc/udev/rules.d/70-slip-rig.rules
-
     """
     from importlib.resources import files
 
@@ -53,18 +50,7 @@ def udev() -> None:
 def _list_objects(
     context: typer.Context, bench: BenchOption = "fake", own: ObjectsOption = None, json: JsonOption = False
 ) -> None:
-    """List the objects that can be grasped, with the file of each; write an object file of your own.
-
-    Object files of your own are in a folder `objects` beside the bench file, or in the folder of --objects.
-
-    Examples:
-      rig objects
-
-      rig objects --bench my_bench.toml --json
-
-      rig objects new objects/my_box.toml
-
-    """
+    """List the objects; the files of a lab's own are in the folder of --objects."""
     if context.invoked_subcommand is not None:
         return
     from protocols.grasps import load_grasp_files
@@ -107,7 +93,6 @@ def new_object(
 
     Examples:
       rig objects new objects/my_box.toml
-
     """
     from rig.config.objects import new_object_file
 
@@ -128,9 +113,7 @@ def new(
 
     Examples:
       rig new lab my_lab
-
       rig new lerobot lerobot_camera_my_gel
-
     """
     from rig.config.new_package import write_package
 

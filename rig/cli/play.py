@@ -70,13 +70,9 @@ def play(of: SourceOptions, film: FilmOptions, json: JsonOption = False) -> None
 
     Examples:
       rig play sessions/2026-11-21T093000_trial
-
       rig play without --lift toothbrush/1 --beside with_reaction --out caught.webm
-
       rig play sessions/2026-11-21T093000_trial --lift wrench/1 --speed 0.25 --out slow.avi
-
       rig play lift.avi --background first:10 --out turn.webm
-
     """
     from rig.report.film import write_film
     from rig.report.film_file import film_place

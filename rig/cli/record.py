@@ -71,15 +71,10 @@ def record(
 
     Examples:
       rig record --object 7 --poses 15
-
       rig record --object mug --poses 15 --images 150 --out sessions/mug
-
       rig record --resume --out sessions/mug
-
       rig record --object 7 --poses 5 --images 50 --randomise --seed 3 --out training/07_3
-
       rig record --object 7 --watch-at 127.0.0.1:8080
-
     """
     from rig.bench.operators import ConsoleOperator
     from rig.bench.source import session_bench

@@ -42,15 +42,10 @@ def replay(options: ReplayOptions) -> None:
 
     Examples:
       rig replay sessions/2026-11-21T093000_trial
-
       rig replay sessions/2026-11-21T093000_trial --estimator pca --window 4
-
       rig replay sessions/* --estimator ellipse --jobs 8 --out sessions/ellipse --resume
-
       rig replay --resume
-
       rig replay /data/sessions --engine dask://HOST:PORT --out /data/again
-
     """
     from rig.results.listing import holds_sessions
 

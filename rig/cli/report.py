@@ -68,19 +68,12 @@ def report(options: ReportOptions) -> None:
 
     Examples:
       rig report sessions/2026-11-21T093000_trial
-
       rig report sessions/old_trial --out trial.html
-
       rig report with_reaction --beside without
-
       rig report old_lifts/ --out old_lifts.html
-
       rig report wrench.csv knife.csv --json
-
       rig report sessions/old_trial --picture trial.png
-
       rig report sessions/old_trial --figures paper/figures
-
     """
     from rig.report.picture import picture_of, require_picture
     from rig.report.write import write_report

@@ -31,9 +31,7 @@ def results(
 
     Examples:
       rig results sessions/ellipse
-
       rig results sessions/ellipse/results.csv --by session --json
-
     """
     from rig.results.table import read_results, results_json
 

@@ -71,11 +71,8 @@ def segment(options: SegmentOptions) -> None:
 
     Examples:
       rig segment frames/ --out masks
-
       rig segment a.png b.png --background empty.png --out masks --margin -0.01
-
       rig segment sessions/mug --model pspnet --out masks --json
-
     """
     from drivers.images import encode_png
     from rig.frames.masks import SegmentChoice, mask_figures, segment_groups
@@ -110,9 +107,7 @@ def label(options: LabelOptions) -> None:
 
     Examples:
       rig label frames/ --background empty.png --out labels
-
       rig label sessions/mug --out labels --json
-
     """
     from rig.frames.masks import SegmentChoice, segment_groups
     from rig.labels.label_files import COCO, MASKS, export_coco, export_masks, propose

@@ -64,13 +64,9 @@ def sessions(options: ListOptions) -> None:
 
     Examples:
       rig sessions
-
       rig sessions /data/2026 --tag gel-7 --object t1 --sort date --json
-
       rig sessions --check
-
       rig sessions /data/2026 --page sessions.html
-
     """
     from rig.terminal.tables import console_table, table_console
 

@@ -47,13 +47,9 @@ def teach(what: TeachOptions, bench: BenchOptions, json: JsonOption = False) -> 
 
     Examples:
       rig objects new objects/my_box.toml
-
       rig teach my_box --bench my_bench.toml --dry-run
-
       rig teach my_box --bench my_bench.toml
-
       rig teach my_box --bench my_bench.toml --by keys --position left --lift-height 0.05
-
     """
     from drivers.errors import OperatorStopError
     from drivers.formats import write_whole

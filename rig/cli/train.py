@@ -120,11 +120,8 @@ def train(options: TrainOptions, networks: NetworkOptions) -> None:
 
     Examples:
       rig train --arch ours --images 9000 --epochs 10 --out runs/ours
-
       rig train --arch pspnet --fold D_s3 --data VISTASE --out runs/vistase --resume
-
       rig train --all --units family --out runs/table2 --resume
-
     """
     require_training()
     from rig.labels.datasets import FOLDS, find_fold
@@ -172,11 +169,8 @@ def train_angle(options: AngleOptions, run: RunOptions) -> None:
 
     Examples:
       rig train-angle toskov --out runs/toskov
-
       rig train-angle anglenet --data sessions/others --data sessions/trial --out runs/anglenet
-
       rig train-angle anglenet --data trials/session --on-test-lifts --out runs/anglenet-on-test
-
     """
     require_training()
     from rig.training.angles import EPOCHS, LIFTS, AngleSettings, train_angles
@@ -208,11 +202,8 @@ def train_turning(options: TurningOptions, run: RunOptions) -> None:
 
     Examples:
       rig train-turning --out runs/turning
-
       rig train-turning --faces 200 --epochs 2 --out runs/quick
-
       rig train-turning --faces 16600 --epochs 22 --out runs/as-shipped
-
     """
     require_training()
     from rig.training.turning_net import train_turning

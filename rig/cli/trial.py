@@ -126,21 +126,13 @@ def trial(
 
     Examples:
       rig trial --lifts 5
-
       rig trial --lifts 1 --object wrench --object 7 --estimator ellipse
-
       rig trial --bench my_bench.toml --dry-run
-
       rig trial --lifts 1 --object toothbrush --react tighten
-
       rig trial --lifts 3 --objects my_objects --object my_box
-
       rig trial --lifts 5 --name "new gel" --tag gel-7 --operator Ada
-
       rig trial --resume --out sessions/campaign
-
       rig trial --lifts 5 --watch
-
     """
     from rig.sessions.rows import read_finished_lifts
 

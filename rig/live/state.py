@@ -186,7 +186,7 @@ class WatchState:
     _lifts: dict[int, LiftInView] = field(default_factory=dict)
     _pictures: dict[str, tuple[int, bytes]] = field(default_factory=dict)
     _followed: int | None = None
-    _followed_at_s: float = 0.0
+    _followed_at_s: float = -SILENT_S
 
     def values(self) -> dict[str, Any]:
         """Return the state without images, as JSON values."""
@@ -212,18 +212,15 @@ class WatchState:
             elif message.kind == "sensor":
                 self.sensors.setdefault(message.values["sensor"], SensorOnPage()).take(message)
             elif message.picture:
-                self._keep_picture(message)
+                now_s, sender, serial = time.monotonic(), message.values["sender"], message.values["serial"]
+                if sender == self._followed or now_s >= self._followed_at_s + SILENT_S:
+                    self._followed, self._followed_at_s = sender, now_s
+                    number = self._pictures.get(serial, (0, b""))[0] + 1
+                    self._pictures[serial] = (number, message.picture)
             elif "number" in message.values:
                 update_lifts(self._lifts, message)
                 if len(self._lifts) > KEPT_LIFTS:
                     self._lifts.pop(next(iter(self._lifts)))
-
-    def _keep_picture(self, message: Message) -> None:
-        now_s, sender, serial = time.monotonic(), message.values["sender"], message.values["serial"]
-        if sender != self._followed and self._followed is not None and now_s < self._followed_at_s + SILENT_S:
-            return
-        self._followed, self._followed_at_s = sender, now_s
-        self._pictures[serial] = (self._pictures.get(serial, (0, b""))[0] + 1, message.picture)
 
 
 class StateNews:

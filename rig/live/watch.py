@@ -98,17 +98,11 @@ class WatchPage:
         """Stop serving. If there is a report and a connected browser, wait until it has fetched it."""
         if self._progress.report:
             with suppress(RigError):
-                self._wait_until_shown()
+                report = self.process.receive(0.0)
+                while report and report != REPORT_SHOWN:
+                    report = self.process.receive(REPORT_WAIT_S)
         self.process.close()
         self._folder.cleanup()
-
-    def _wait_until_shown(self) -> None:
-        """Wait until a connected browser has fetched the report, if there is one. Raises `RigError`."""
-        looking = False
-        while report := self.process.receive(REPORT_WAIT_S if looking else 0.0):
-            if report == REPORT_SHOWN:
-                return
-            looking = True
 
 
 class Watched:
@@ -133,7 +127,10 @@ class Watched:
 
     def answer(self, request: Request) -> Answer:
         if request.method == "POST" and request.path == "/do" and self._actions:
-            return self._passed_on(request)
+            known = secrets.compare_digest(request.header(TOKEN).encode(), self._token.encode())
+            if not known or request.body.decode(errors="replace") not in self._actions:
+                return FORBIDDEN
+            return Answer(b"{}", "application/json", report=request.body)
         if request.method != "GET":
             return NOT_ALLOWED
         if request.path == "/":
@@ -145,27 +142,14 @@ class Watched:
         if request.path == "/stream":
             return Answer(b"", "application/octet-stream", report=LOOKING, news=StateNews(self._state))
         if request.path == "/report.html":
-            return self._report()
-        return self._picture(request.path)
+            try:
+                html = Path(self._state.progress.report).read_bytes()
+            except OSError:
+                return NOT_FOUND
+            return Answer(html, "text/html; charset=utf-8", report=REPORT_SHOWN)
+        name = unquote(request.path.removeprefix("/picture/").removesuffix(".jpg"))
+        picture = self._state.picture(name)
+        return NOT_FOUND if picture is None or request.path == name else Answer(picture, "image/jpeg")
 
     def close(self) -> None:
         self._inbox.close()
-
-    def _passed_on(self, request: Request) -> Answer:
-        """Pass on the action of a button, as text, if the page offers it."""
-        known = secrets.compare_digest(request.header(TOKEN).encode(), self._token.encode())
-        if not known or request.body.decode(errors="replace") not in self._actions:
-            return FORBIDDEN
-        return Answer(b"{}", "application/json", report=request.body)
-
-    def _report(self) -> Answer:
-        try:
-            html = Path(self._state.progress.report).read_bytes()
-        except OSError:
-            return NOT_FOUND
-        return Answer(html, "text/html; charset=utf-8", report=REPORT_SHOWN)
-
-    def _picture(self, path: str) -> Answer:
-        name = unquote(path.removeprefix("/picture/").removesuffix(".jpg"))
-        picture = self._state.picture(name)
-        return NOT_FOUND if picture is None or path == name else Answer(picture, "image/jpeg")

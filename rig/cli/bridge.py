@@ -22,8 +22,6 @@ bridge = Commands(
 
 @dataclass(frozen=True, slots=True)
 class BridgeOptions:
-    """The ROS domain, and the time limit."""
-
     # 232: highest domain whose port numbers fit into 16 bits (RTPS 2.5, section 9.6.2)
     domain: int = option(
         0,

@@ -12,8 +12,6 @@ from rig.terminal.progress import WorkProgress
 
 @dataclass(frozen=True, slots=True)
 class CompareOptions:
-    """The two sessions or estimators, and the page to write."""
-
     first: str = argument(
         ..., "Session folder of a trial; with --on, an estimator (a name or package.module:Class)."
     )

@@ -16,8 +16,6 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class SourceOptions:
-    """The frames to estimate, and their times."""
-
     frames: Path = argument(
         ...,
         "Folder of images (sorted by name), image, video (.avi, .mp4, .mkv, .webm ...), array "
@@ -36,8 +34,6 @@ class SourceOptions:
 
 @dataclass(frozen=True, slots=True)
 class EstimationOptions:
-    """Settings of the estimation."""
-
     background: str | None = option(
         None,
         "Frame without contact: an IMAGE, first:N (mean of the first N frames) or auto (computed from "
@@ -81,8 +77,6 @@ class EstimationOptions:
 
 @dataclass(frozen=True, slots=True)
 class ResultOptions:
-    """Files of the result."""
-
     out: Path | None = option(
         None, "CSV file to write; for a session, a folder. Default: print the table on stdout."
     )

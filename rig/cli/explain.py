@@ -10,8 +10,6 @@ from rig.declared import argument, file_place, option
 
 @dataclass(frozen=True, slots=True)
 class ExplainOptions:
-    """The frames, and the picture to write."""
-
     frames: Path = argument(..., "Folder of images (sorted by name), video, ROS bag, or session of a trial.")
     out: Path = option(..., "PNG file to write.", callback=file_place)
     background: str | None = option(None, "Frame without contact, as in rig estimate.")

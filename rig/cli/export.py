@@ -12,8 +12,6 @@ from rig.terminal.screen import begin_phase
 
 @dataclass(frozen=True, slots=True)
 class ExportOptions:
-    """The session, the format, and the folder to write."""
-
     session: Path = argument(..., "Session folder of a trial or a recording.")
     to: str = option(..., "Format: csv, parquet, coco, labelme, lerobot or rosbag2.")
     out: Path | None = option(

@@ -22,8 +22,6 @@ ServedBench = Annotated[str, typer.Option("--bench", help="Bench file that 'rig 
 
 @dataclass(frozen=True, slots=True)
 class ServeOptions:
-    """The devices to serve, and their addresses."""
-
     bench: str = option("wire", "Bench with the devices: wire, or a bench file with a table \\[fakes].")
     host: str = option("127.0.0.1", "Loopback address of the devices; use another one for a second bench.")
     polyscope: str = option("5.11.0", "PolyScope version that the controller reports.")

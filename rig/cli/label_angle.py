@@ -11,8 +11,6 @@ from rig.declared import argument, option
 
 @dataclass(frozen=True, slots=True)
 class LabelAngleOptions:
-    """The clip, and the frames to label."""
-
     clip: Path = argument(
         ...,
         "Folder with a folder frames/, a video or a ROS bag, and background.png, a frame without contact.",

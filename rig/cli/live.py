@@ -34,8 +34,6 @@ PLAIN_EVERY_S = 1.0
 
 @dataclass(frozen=True, slots=True)
 class LiveSourceOptions:
-    """The sensors."""
-
     sources: list[str] = argument(
         ...,
         "One or two sources: a DIGIT's serial, /dev/videoN or its number, an MJPEG address (http://...), a "
@@ -56,8 +54,6 @@ class LiveSourceOptions:
 
 @dataclass(frozen=True, slots=True)
 class LiveAngleOptions:
-    """Settings of the estimation."""
-
     estimator: str | None = option(None, "Estimator, as in rig estimate. Default: slip.")
     background: Path | None = option(
         None,
@@ -76,8 +72,6 @@ class LiveAngleOptions:
 
 @dataclass(frozen=True, slots=True)
 class LiveViewOptions:
-    """Output of the angle: page, text or JSON."""
-
     terminal: bool = option(False, "Show the angle as text in the terminal, without a page.")
     json: bool = option(False, "Print one JSON object per frame on stdout, without a page.")
     browser: bool = option(True, "Open the page in the browser.", "--browser/--no-browser")

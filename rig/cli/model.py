@@ -69,8 +69,6 @@ def list_models(json: JsonOption = False) -> None:
 
 @dataclass(frozen=True, slots=True)
 class ImportOptions:
-    """The checkpoint to import, its architecture, and the ONNX file to write."""
-
     checkpoint: Path = argument(
         ..., "PyTorch checkpoint: a state dict, or a dictionary with one under the key state_dict."
     )

@@ -17,8 +17,6 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class SourceOptions:
-    """The lift or the frames to show."""
-
     source: Path = argument(
         ..., "Session folder of a trial, or frames of one sensor in any form that rig estimate reads."
     )
@@ -43,8 +41,6 @@ class SourceOptions:
 
 @dataclass(frozen=True, slots=True)
 class FilmOptions:
-    """The film to write."""
-
     out: Path | None = option(
         None,
         "Film to write: .webm, .mp4 (H.264; a .webm if the installed OpenCV cannot encode it), .avi (motion "

@@ -13,7 +13,7 @@ from rig.cli.common import mark, print_result, say
 from rig.cli.options import BenchOptions, SessionOptions, WatchOptions
 from rig.cli.report import report_after
 from rig.cli.resuming import agreed, bench_of, continued, may_be_continued
-from rig.cli.watching import Work, dry_run, watched
+from rig.cli.watching import dry_run, watched
 from rig.declared import option, resumed
 from rig.terminal.onlookers import announcing
 from rig.terminal.questions import ask
@@ -27,8 +27,6 @@ FAULT = attrgetter("fault")
 
 @dataclass(frozen=True, slots=True)
 class RecordOptions:
-    """The object, and the number of poses and images."""
-
     object_name: str | None = option(
         None,
         "Object, by id or name. Required, except with --resume.",
@@ -88,16 +86,14 @@ def record(
     if bench.dry:
         dry_run(settings.bench, recording_plan(settings), session.json)
     began, config = time.perf_counter(), settings.bench
-    simulated, plan = mark(config.simulated), recording_plan(settings)
+    simulated, question = mark(config.simulated), f"{recording_plan(settings).text()}\nBegin?"
     person, message = ConsoleOperator(ask, agreed=agreed(context, bench, config)), OneMessage(_note, FAULT)
     person.feeder = config.feeder
-    work = Work(f"{simulated}recording on bench '{config.name}', {folder}", "poses", settings.poses)
+    title = f"{simulated}recording on bench '{config.name}', {folder}"
     with (
         may_be_continued(folder, session, lambda: say(simulated + _images(read_poses(folder))[1])),
-        watched(context, work, watch) as listeners,
-        session_bench(
-            config, person, f"{plan.text()}\nBegin?", variation_seed=settings.variation_seed
-        ) as benches,
+        watched(context, watch, title, "poses", settings.poses) as listeners,
+        session_bench(config, person, question, variation_seed=settings.variation_seed) as benches,
         WorkProgress(settings.poses, "poses") as bar,
     ):
         progress = announcing(bar.showing(message), _note, FAULT)

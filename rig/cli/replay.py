@@ -14,8 +14,6 @@ from rig.terminal.progress import WorkProgress
 
 @dataclass(frozen=True, slots=True)
 class ReplayOptions:
-    """The sessions, the estimator, and the folder of the results."""
-
     sessions: list[Path] | None = argument(None, "Session folders of trials, or folders that hold them.")
     estimator: str | None = option(
         None, "Estimator. Default: the session's own; if that is your own class, it has to be named here."

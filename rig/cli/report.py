@@ -32,8 +32,6 @@ def report_after(folder: Path, unwanted: bool) -> str | None:
 
 @dataclass(frozen=True, slots=True)
 class ReportOptions:
-    """The sources of a report, and its files."""
-
     sources: list[Path] = argument(
         ..., "Session folder of a trial or recording; or CSV files of lifts, or a folder of such files."
     )

@@ -35,8 +35,6 @@ MarginOption = Annotated[
 
 @dataclass(frozen=True, slots=True)
 class SegmentOptions:
-    """The images, the network, and the folder for the masks."""
-
     images: ImagesArgument
     out: Path = option(..., "Folder for the masks.", callback=folder_place)
     background: BackgroundOption = None
@@ -48,8 +46,6 @@ class SegmentOptions:
 
 @dataclass(frozen=True, slots=True)
 class LabelOptions:
-    """The images, the source of the proposals, and the folder for the labels."""
-
     images: ImagesArgument
     out: Path = option(..., "Folder for labels, masks/ and coco.json.", callback=folder_place)
     background: BackgroundOption = None

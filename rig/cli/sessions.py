@@ -32,8 +32,6 @@ Sort = Literal["folder", "date", "name", "mare", "done", "size"]
 
 @dataclass(frozen=True, slots=True)
 class ListOptions:
-    """The sessions to list, their order, and the page to write."""
-
     folder: Path = argument(Path("sessions"), "Session folder, or folder with sessions at any depth.")
     tags: list[str] | None = option(
         None, "Only sessions with this tag; if repeated, with all of these tags.", "--tag"

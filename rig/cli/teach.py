@@ -15,8 +15,6 @@ from rig.terminal.screen import begin_phase
 
 @dataclass(frozen=True, slots=True)
 class TeachOptions:
-    """The object, its positions, and the way the arm is moved."""
-
     name: str = argument(..., "Object of your own, by id or name.", metavar="OBJECT")
     positions: list[str] | None = option(
         None,

@@ -16,8 +16,6 @@ EPOCHS, PAPER_EPOCHS = 10, 30
 
 @dataclass(frozen=True, slots=True)
 class TrainOptions:
-    """The images for training and test, and the folder for the results."""
-
     out: Path = option(
         ..., "Folder for checkpoints, ONNX files and cards (their metadata).", callback=folder_place
     )
@@ -48,8 +46,6 @@ class TrainOptions:
 
 @dataclass(frozen=True, slots=True)
 class NetworkOptions:
-    """The networks, and the settings of their training."""
-
     arch: list[str] | None = option(
         None, "Network: ours, pspnet, deeplabv3plus or unetplusplus; repeat for more. Default: ours."
     )
@@ -64,8 +60,6 @@ class NetworkOptions:
 
 @dataclass(frozen=True, slots=True)
 class AngleOptions:
-    """The network, and the lifts to train it on."""
-
     network: str = argument(
         ..., "Network: anglenet (angle from one image) or toskov (angle from the wrench at the wrist)."
     )
@@ -85,8 +79,6 @@ class AngleOptions:
 
 @dataclass(frozen=True, slots=True)
 class TurningOptions:
-    """The simulated training data, and the number of epochs."""
-
     faces: int = option(2600, "Number of SIMULATED object faces to train on, with six images each.", min=2)
     epochs: int = option(8, "Training epochs.", min=1)
     look: Path | None = option(
@@ -97,8 +89,6 @@ class TurningOptions:
 
 @dataclass(frozen=True, slots=True)
 class RunOptions:
-    """The folder for one network, and settings of its training."""
-
     out: Path = option(
         ..., "Empty folder for the ONNX file and its card (its metadata).", callback=folder_place
     )

@@ -22,7 +22,7 @@ from rig.cli.resuming import (
     say_done,
     usual_lift_s,
 )
-from rig.cli.watching import Work, dry_run, watched
+from rig.cli.watching import dry_run, watched
 from rig.declared import option, resumed
 from rig.terminal.onlookers import announcing
 from rig.terminal.questions import ask
@@ -37,8 +37,6 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class TrialOptions:
-    """The objects, the number of lifts, and the limit on the result."""
-
     lifts: int = option(5, "Accepted lifts per object.", min=1, max=1000, stored="lifts_per_object")
     objects: list[str] | None = option(
         None,
@@ -62,8 +60,6 @@ class TrialOptions:
 
 @dataclass(frozen=True, slots=True)
 class EstimatorOptions:
-    """The estimator that runs during the lifts."""
-
     estimator: str | None = option(
         None,
         "slip, skeleton, ellipse, pca; the last three also with -published; ecc, "
@@ -87,8 +83,6 @@ class EstimatorOptions:
 
 @dataclass(frozen=True, slots=True)
 class ReactionOptions:
-    """The reaction to slip."""
-
     react: Literal["none", "stop", "tighten", "lower"] = option(
         "none",
         "Reaction to slip: stop the arm; tighten the grip and continue; or lower the object. "
@@ -269,14 +263,13 @@ def _lift_all(
             trial_table(summary, trial.simulated, time.perf_counter() - trial.began, session.json)
 
     title = f"{trial.simulated}trial on bench '{config.name}', {folder}"
-    work = Work(title, "lifts", trial.wanted, trial.done)
     question = f"{trial.plan().text()}\nBegin?"
     person = ConsoleOperator(ask, agreed=agreed(context, bench, config))
     person.feeder = config.feeder
     message = OneMessage(lift_note, attrgetter("fault"))
     with (
         may_be_continued(folder, session, show_partial),
-        watched(context, work, watch) as others,
+        watched(context, watch, title, "lifts", trial.wanted, trial.done) as others,
         session_bench(config, person, question, settings.realtime) as benches,
         live_session(live, others) as (feed, inbox),
         TrialView(trial.wanted, inbox, message, trial.done, trial.usual_s) as view,

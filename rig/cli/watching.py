@@ -5,7 +5,7 @@ Also --dry-run: read every device and show the plan; nothing is moved or stored.
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 import typer
@@ -21,31 +21,21 @@ if TYPE_CHECKING:
     from rig.live.feed import Listener
 
 
-@dataclass(frozen=True, slots=True)
-class Work:
-    """The work that the page shows.
-
-    what: plural name of its items, as "lifts". total: their number. done: items finished before the start.
-    """
-
-    title: str
-    what: str
-    total: int
-    done: int = 0
-
-
 @contextmanager
-def watched(context: typer.Context, work: Work, options: WatchOptions) -> "Iterator[tuple[Listener, ...]]":
+def watched(
+    context: typer.Context, options: WatchOptions, title: str, what: str, total: int, done: int = 0
+) -> "Iterator[tuple[Listener, ...]]":
     """Serve the page if an option asks for it; yield the listeners of lifts and poses.
 
-    The page is served until the command ends; it then shows the report. Raises `InputError`.
+    title, what, total, done: see `rig.live.state.Progress`. The page is served until the command ends; it
+    then shows the report. Raises `InputError`.
     """
     if not options.watch and options.watch_at is None:
         yield ()
         return
     from rig.live.watch import WatchPage, watch_address
 
-    page = WatchPage(watch_address(options.watch_at), work.title, work.what, work.done, work.total)
+    page = WatchPage(watch_address(options.watch_at), title, what, done, total)
     context.call_on_close(page.close)
     context.call_on_close(report_to(page.show_report))
     with observed_by(page.show_event):

@@ -271,30 +271,25 @@ def _rounded(value: float | None) -> float | None:
 
 
 def _zero_place(estimate: Estimate, reference: FrameTime | None) -> tuple[int | None, str]:
-    if reference is not None:
-        return _place_at(estimate, reference)
-    answered = [i for i, sample in enumerate(estimate.samples) if sample.angle_deg is not None]
-    if not answered:
-        return None, "undefined: no frame has an angle"
-    settled = next((i for i in answered if estimate.samples[i].settled), None)
-    if settled is None:
-        return answered[0], "at the first frame with an angle; the contact never settled"
-    return settled, "at the first frame with an angle in a settled contact"
-
-
-def _place_at(estimate: Estimate, reference: FrameTime) -> tuple[int | None, str]:
-    """Return the frame nearest to the reference time, or the first later frame with an angle."""
-    _check_within(estimate, "--reference-time", reference)
+    """Return the number of the frame whose angle is 0, and a note; None without an angle."""
     times, samples = estimate.times, estimate.samples
-    place = min(range(len(times)), key=lambda i: abs(times[i].time_ns - reference.time_ns))
     answered = [i for i, sample in enumerate(samples) if sample.angle_deg is not None]
+    if reference is None:
+        if not answered:
+            return None, "undefined: no frame has an angle"
+        settled = next((i for i in answered if samples[i].settled), None)
+        if settled is None:
+            return answered[0], "at the first frame with an angle; the contact never settled"
+        return settled, "at the first frame with an angle in a settled contact"
+    _check_within(estimate, "--reference-time", reference)
+    place = min(range(len(times)), key=lambda i: abs(times[i].time_ns - reference.time_ns))
     if place in answered:
         return place, "at the given reference"
-    state = samples[place].state.value
+    state = f"{samples[place].state.value} at --reference-time {reference.text}"
     if not answered:
-        return None, f"undefined: no frame has an angle; {state} at --reference-time {reference.text}"
+        return None, f"undefined: no frame has an angle; {state}"
     instead = next((i for i in answered if i > place), answered[0])
-    return instead, f"at the first later frame with an angle; {state} at --reference-time {reference.text}"
+    return instead, f"at the first later frame with an angle; {state}"
 
 
 def _check_within(estimate: Estimate, option: str, time: FrameTime) -> None:

@@ -121,6 +121,8 @@ class LiveObserver(LiftEvents):
         self._send("frame", values, jpeg)
 
     def _figures(self, time_ns: int) -> None:
+        tips = self._measurement.angle.tips
+        camera = next((times for serial, times in self._times.items() if serial not in tips), None)
         fused = self._measurement.angle.fused[self._fused_sent :]
         self._fused_sent = len(self._measurement.angle.fused)
         values = {
@@ -128,17 +130,12 @@ class LiveObserver(LiftEvents):
             "phase": self._phase,
             "estimate": [(s.time_ns, s.angle_deg, s.sigma_deg) for s in fused],
             "truth": self._truth,
-            "rates_hz": self._rates_hz(),
+            # fingertips in the order of the bench file, then the camera
+            "rates_hz": {**{tip: _rate(self._times.get(tip)) for tip in tips}, "camera": _rate(camera)},
             "dropped": {name: tally.dropped for name, tally in self._measurement.tallies.items()},
         }
         self._truth = []
         self._send("figures", values)
-
-    def _rates_hz(self) -> dict[str, float | None]:
-        """Return frames per second by source: fingertips in the order of the bench file, then the camera."""
-        tips = self._measurement.angle.tips
-        camera = next((times for serial, times in self._times.items() if serial not in tips), None)
-        return {**{tip: _rate(self._times.get(tip)) for tip in tips}, "camera": _rate(camera)}
 
     def _send(self, kind: str, values: Mapping[str, object], picture: bytes = b"") -> None:
         self._sender.send(kind, {**self._lift, **values}, picture)

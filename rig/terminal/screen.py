@@ -206,17 +206,16 @@ class _Phase:
                 self._write(f"{plain(self._name)} ...\n")
                 return
             self._next_s = elapsed_s + (REFRESH_S if self._on_terminal else PLAIN_EVERY_S)
-            text = plain(f"{self._name}: {self._progress(elapsed_s)}")
+            so_far = f"{elapsed_s:.0f} s so far"
+            if self._left is None:
+                progress = f"{self._counted} done, {so_far}" if self._counted else so_far
+            else:
+                left = left_text(self._left.counting_down()) or so_far
+                progress = f"{self._left.done} of {self._left.total}, {left}"
+            text = plain(f"{self._name}: {progress}")
             self._updating = self._on_terminal
             in_a_line = text[: shutil.get_terminal_size().columns - 1]  # a wrapped line could not be updated
             self._write(f"\r{in_a_line}\x1b[K" if self._on_terminal else f"{text}\n")
-
-    def _progress(self, elapsed_s: float) -> str:
-        left = "" if self._left is None else left_text(self._left.counting_down())
-        if self._left is None:
-            counted = f"{self._counted} done, " if self._counted else ""
-            return f"{counted}{elapsed_s:.0f} s so far"
-        return f"{self._left.done} of {self._left.total}, {left or f'{elapsed_s:.0f} s so far'}"
 
     def _write(self, text: str) -> None:
         with suppress(OSError, ValueError):  # the reader has gone

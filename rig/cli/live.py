@@ -6,7 +6,7 @@ import signal
 import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, nullcontext
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -130,7 +130,7 @@ def live(source: LiveSourceOptions, how: LiveAngleOptions, view: LiveViewOptions
         if view.json:
             show = partial(_print_json, stopped)
         elif view.terminal:
-            show = stack.enter_context(_Terminal())
+            show = stack.enter_context(_terminal())
         run_desk(desk, show, view.seconds, stopped, page)
         if desk.fault is not None:
             raise EstimatorError(f"ended; the estimator failed: {desk.fault}")
@@ -256,35 +256,25 @@ def _print_json(stopped: threading.Event, reading: "Reading") -> None:
         stopped.set()
 
 
-class _Terminal:
-    """Prints a line per sensor: updated in place on a terminal, else a new line every second."""
+@contextmanager
+def _terminal() -> "Iterator[Callable[[Reading], None]]":
+    """Yield a function that prints a line per sensor: updated on a terminal, else a new one every second."""
+    from rich.live import Live
 
-    def __init__(self) -> None:
-        from rich.live import Live
+    from rig.terminal.tables import PlainConsole
 
-        from rig.terminal.tables import PlainConsole
+    lines, due_ns, console = dict[str, str](), dict[str, int](), PlainConsole()
+    display = Live(console=console, auto_refresh=False) if console.is_terminal else None
+    every_ns = to_ns(PLAIN_EVERY_S if display is None else TERMINAL_EVERY_S)
 
-        self._lines: dict[str, str] = {}
-        self._due_ns: dict[str, int] = {}
-        console = PlainConsole()
-        self._live = Live(console=console, auto_refresh=False) if console.is_terminal else None
-        self._shown = ExitStack()
-
-    def __enter__(self) -> "_Terminal":
-        if self._live is not None:
-            self._shown.enter_context(shown(self._live))
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._shown.close()
-
-    def __call__(self, reading: "Reading") -> None:
-        if reading.time_ns < self._due_ns.get(reading.name, 0):
+    def show(reading: "Reading") -> None:
+        if reading.time_ns < due_ns.get(reading.name, 0):
             return
-        every_s = PLAIN_EVERY_S if self._live is None else TERMINAL_EVERY_S
-        self._due_ns[reading.name] = reading.time_ns + to_ns(every_s)
-        self._lines[reading.name] = reading.line()
-        if self._live is None:
-            print(self._lines[reading.name], flush=True)
+        due_ns[reading.name], lines[reading.name] = reading.time_ns + every_ns, reading.line()
+        if display is None:
+            print(lines[reading.name], flush=True)
         else:
-            self._live.update("\n".join(self._lines.values()), refresh=True)
+            display.update("\n".join(lines.values()), refresh=True)
+
+    with nullcontext() if display is None else shown(display):
+        yield show

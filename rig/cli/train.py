@@ -9,7 +9,7 @@ from drivers.errors import InputError, unknown_name
 from rig.cli.common import emit_json, print_result, say
 from rig.cli.options import JsonOption, SeedOption
 from rig.declared import argument, folder_place, option
-from rig.terminal.progress import TrainingView
+from rig.terminal.progress import training_view
 
 EPOCHS, PAPER_EPOCHS = 10, 30
 
@@ -135,7 +135,7 @@ def train(options: TrainOptions, networks: NetworkOptions) -> None:
         units=checked_units(options.units),
     )
     say(f"{'SIMULATED frames' if data == 'simulated' else data}, seed {options.seed}, into {options.out}")
-    with TrainingView() as view:
+    with training_view() as view:
         cards = train_all(options.out, settings, options.resume, view)
     rows = []
     for card in cards:
@@ -171,7 +171,7 @@ def train_angle(options: AngleOptions, run: RunOptions) -> None:
     lifts, epochs = options.lifts or LIFTS[name], options.epochs or EPOCHS[name]
     settings = AngleSettings(name, sessions, lifts, epochs, run.seed, options.on_test_lifts, run.threads)
     say(f"{name} from {', '.join(map(str, sessions)) or 'SIMULATED lifts'}, seed {run.seed}, into {run.out}")
-    with TrainingView() as view:
+    with training_view() as view:
         card = train_angles(run.out, settings, view)
     test, simulated = card["test"], "SIMULATED: " if card["simulated"] else ""
     scored = "the lifts it was trained on" if options.on_test_lifts else "objects it was not trained on"
@@ -199,7 +199,7 @@ def train_turning(options: TurningOptions, run: RunOptions) -> None:
     from rig.training.turning_net import train_turning
 
     say(f"turning from {options.faces} SIMULATED faces, seed {run.seed}, into {run.out}")
-    with TrainingView() as view:
+    with training_view() as view:
         card = train_turning(
             run.out, options.faces, options.epochs, run.seed, run.threads, view, options.look
         )

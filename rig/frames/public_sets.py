@@ -53,8 +53,12 @@ def trial_turns_deg(folder: Path, frames: int) -> NDArray[np.float64]:
         raise InputError(
             f"{path}: {counted(len(poses), 'pose')} for {counted(frames, 'frame')}: copy the trial again"
         )
-    about_z = np.radians([_about_z_deg(np.linalg.inv(poses[0]) @ pose) for pose in poses])
-    return np.degrees(np.unwrap(about_z))
+    turns_deg = []
+    for pose in poses:  # the rotation about z is the twist of the swing-twist decomposition
+        turn = Rotation.from_matrix((np.linalg.inv(poses[0]) @ pose)[:3, :3])
+        _, _, z, w = turn.as_quat(canonical=True)
+        turns_deg.append(math.degrees(2.0 * math.atan2(z, w)))
+    return np.degrees(np.unwrap(np.radians(turns_deg)))
 
 
 def trial_background(folder: Path, images: Iterator[Image]) -> Image:
@@ -108,12 +112,6 @@ def _matrices(path: Path, values: NDArray[Any]) -> Matrices:
     if not off < NOT_A_TURN or (np.linalg.det(turns) < 0).any():
         raise InputError(f"{path}: holds a matrix that is not a rigid transform: copy it again")
     return matrices
-
-
-def _about_z_deg(matrix: Matrices) -> float:
-    """Return the rotation about z, deg: the twist of the swing-twist decomposition."""
-    _, _, z, w = Rotation.from_matrix(matrix[:3, :3]).as_quat(canonical=True)
-    return math.degrees(2.0 * math.atan2(z, w))
 
 
 def _free(mask: NDArray[Any], shape: tuple[int, ...]) -> NDArray[np.bool_]:

@@ -1,7 +1,8 @@
 """Progress of work on standard error: a line per finished piece, and between the lines the time left."""
 
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Generic, Self, TypeVar
 
 from drivers.errors import without_values
@@ -56,24 +57,26 @@ class OneMessage(Generic[Row]):
         return text
 
 
-class TrainingView:
-    """A line per epoch, and between the lines the step with its finished percentage and the time left."""
+@contextmanager
+def training_view() -> Iterator[Callable[[str, float], None]]:
+    """Yield a function that shows the step and the finished fraction of a training.
 
-    def __init__(self) -> None:
-        self._left, self._text = TimeLeft(100), ""
+    It prints a line per epoch, and between the lines the step with its percentage and the time left.
+    """
+    left, newest = TimeLeft(100), ""
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        end_phase()
-
-    def __call__(self, text: str, share: float) -> None:
-        self._left.piece_done(round(100.0 * share), 100)
+    def show(text: str, share: float) -> None:
+        nonlocal newest
+        left.piece_done(round(100.0 * share), 100)
         if "loss" in text:
             end_phase()
             print(text, file=sys.stderr, flush=True)
-            begin_phase("training, percent", left=self._left)
-        elif text != self._text:
-            begin_phase(f"{text}, percent", left=self._left)
-        self._text = text
+            begin_phase("training, percent", left=left)
+        elif text != newest:
+            begin_phase(f"{text}, percent", left=left)
+        newest = text
+
+    try:
+        yield show
+    finally:
+        end_phase()

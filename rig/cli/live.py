@@ -1,4 +1,4 @@
-"""`rig live`: show the angle of one or two sensors live, without a bench."""
+"""`rig live`, `rig bridge`: show or publish the angle of one or two sensors live, without a bench."""
 
 import json
 import os
@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 from drivers.clock import SystemClock, to_ns
 from drivers.errors import EstimatorError, InputError
 from rig.cli.common import NO_BROWSER, STOPS, Exit, mark, say
+from rig.cli.helping import Commands
 from rig.declared import argument, option
 from rig.terminal.screen import shown
 
@@ -23,6 +24,9 @@ if TYPE_CHECKING:
     from rig.live.feed import Listener
     from rig.live.watch import WatchPage
 
+bridge = Commands(
+    no_args_is_help=True, help="Publish live angles, alarms and images for other robot software."
+)
 CLIPS = Path("clips")
 TERMINAL_EVERY_S = 0.1
 """Interval at which the lines on a terminal are updated."""
@@ -278,3 +282,52 @@ def _terminal() -> "Iterator[Callable[[Reading], None]]":
 
     with nullcontext() if display is None else shown(display):
         yield show
+
+
+@dataclass(frozen=True, slots=True)
+class BridgeOptions:
+    # 232: highest domain whose port numbers fit into 16 bits (RTPS 2.5, section 9.6.2)
+    domain: int = option(
+        0,
+        "ROS domain of the nodes. Default: the environment variable ROS_DOMAIN_ID, else 0.",
+        min=0,
+        max=232,
+        envvar="ROS_DOMAIN_ID",
+    )
+    seconds: float | None = option(None, "End after this time in s. Default: run until Ctrl-C.", min=0.0)
+
+
+@bridge.command("ros2")
+def ros2(source: LiveSourceOptions, how: LiveAngleOptions, to: BridgeOptions) -> None:
+    """Publish images, angle and slip alarm of one or two sensors for ROS 2 nodes.
+
+    ROS need not be installed on this computer. Nothing moves. Ctrl-C ends the command.
+
+    The topics of a sensor are /NAME/image_raw/compressed (CompressedImage), /angle/NAME (JointState: angle,
+    angle_sigma, angle_rate in rad and rad/s; NaN if unknown) and /slip/NAME (Bool). Two sensors also publish
+    /angle/object and /slip/object. Time stamps are capture times. The angle is that of rig live.
+
+    The messages reach all computers on the network interface that Cyclone DDS selects. Set its environment
+    variable CYCLONEDDS_URI to select another interface.
+
+    Examples:
+      rig bridge ros2 fake
+      rig bridge ros2 D20641 D20642 --domain 7
+      rig bridge ros2 http://127.0.0.1:8080/stream.mjpg --background empty.png
+    """
+    from rig.config.extras import require_extra
+
+    for package in ("cyclonedds", "rosbags"):
+        require_extra(package, "ros2", "the bridge needs")
+    with stopped_by_person() as stopped, ExitStack() as stack:
+        from drivers.realtime import compute_in_one_thread
+        from rig.live.ros2_bridge import Ros2Bridge
+
+        compute_in_one_thread()
+        desk = stack.enter_context(desk_of(source, how, stack))
+        publisher = Ros2Bridge(to.domain, SystemClock())
+        topics = ", ".join(publisher.topics([*desk.sensors]))
+        marked = mark(is_simulated(source.sources))
+        say(f"{marked}publishing in domain {to.domain}: {topics}; press Ctrl-C to end")
+        run_desk(desk, publisher.publish, to.seconds, stopped)
+    say(f"ended: {publisher.published} messages published")

@@ -12,8 +12,7 @@ from drivers.errors import InputError, counted
 from rig.cli.common import mark, print_result, say
 from rig.cli.options import BenchOptions, SessionOptions, WatchOptions
 from rig.cli.report import report_after
-from rig.cli.resuming import agreed, bench_of, continued, may_be_continued
-from rig.cli.watching import dry_run, watched
+from rig.cli.resuming import agreed, bench_of, continued, dry_run, may_be_continued, watched
 from rig.declared import option, resumed
 from rig.terminal.onlookers import announcing
 from rig.terminal.questions import ask

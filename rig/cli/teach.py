@@ -7,7 +7,7 @@ import typer
 
 from rig.cli.common import Exit, mark, print_result, say
 from rig.cli.options import BenchOptions, JsonOption
-from rig.cli.watching import dry_run
+from rig.cli.resuming import dry_run
 from rig.declared import argument, option
 from rig.terminal.questions import ask, press, waited
 from rig.terminal.screen import begin_phase

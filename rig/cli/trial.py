@@ -17,12 +17,13 @@ from rig.cli.resuming import (
     agreed,
     bench_of,
     continued,
+    dry_run,
     may_be_continued,
     named_again,
     say_done,
     usual_lift_s,
+    watched,
 )
-from rig.cli.watching import dry_run, watched
 from rig.declared import option, resumed
 from rig.terminal.onlookers import announcing
 from rig.terminal.questions import ask

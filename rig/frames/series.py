@@ -23,6 +23,7 @@ from rig.frames.clips import (
     ARRAY_SUFFIXES,
     FRAMES,
     TIMES,
+    TRIAL_VIDEO,
     VIDEO_ENDINGS,
     array_frames,
     array_shape,
@@ -30,9 +31,10 @@ from rig.frames.clips import (
     is_raw_video,
     is_ros_bag,
     is_simulated_clip,
+    is_trial,
     require_clip,
+    trial_background,
 )
-from rig.frames.public_sets import TRIAL_VIDEO, is_trial, trial_background
 from rig.frames.ros_bags import bag_images, bag_times, find_topic, rest_of_bag
 from rig.frames.times import (
     FrameTime,
@@ -111,7 +113,7 @@ def read_frames(
 
     path: a folder of images (sorted by name, numbers by value), an image, a video, an array
     (`rig.frames.clips`), a ROS bag (`rig.frames.ros_bags`), or a trial of TactileTracking
-    (`rig.frames.public_sets`). A folder that contains a folder `frames` is a clip with background and times,
+    (`rig.frames.clips`). A folder that contains a folder `frames` is a clip with background and times,
     as `rig live` records it. timestamps: CSV with `frame,t_s`, see `times_from_table`. fps: frame rate in Hz;
     by default that of the video, or 60 for images. topic: of a ROS bag; by default its only image topic.
     Raises `InputError` for anything else.

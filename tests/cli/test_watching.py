@@ -84,8 +84,8 @@ def browser(monkeypatch: pytest.MonkeyPatch) -> Browser:
         with observed_by(made.events.append), observed_by(observer):
             yield
 
-    monkeypatch.setattr("rig.cli.watching.say", made.hear)
-    monkeypatch.setattr("rig.cli.watching.observed_by", observed_too)
+    monkeypatch.setattr("rig.cli.resuming.say", made.hear)
+    monkeypatch.setattr("rig.cli.resuming.observed_by", observed_too)
     monkeypatch.setattr(WatchPage, "close", close_when_seen)
     return made
 

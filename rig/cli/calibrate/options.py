@@ -11,7 +11,7 @@ import typer
 
 from rig.cli.common import mark, print_result, say
 from rig.cli.options import BenchOption, DryRunOption, JsonOption, SeedOption, WatchOptions, YesOption
-from rig.cli.watching import dry_run, watched
+from rig.cli.resuming import dry_run, watched
 from rig.declared import folder_place, option
 from rig.terminal.questions import ask, ask_line
 from rig.terminal.screen import begin_phase

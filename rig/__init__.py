@@ -33,8 +33,16 @@ if TYPE_CHECKING:
     from rig.frames.streaming import StreamingEstimator
     from rig.python.calibrating import CameraSolution, HandEyeSolution, solve_camera, solve_hand_eye
     from rig.python.estimating import Score, estimate, estimator, score
-    from rig.python.session import Lift, SensorFrame, Session, open_session
-    from rig.python.tracks import ArmTrack, GripperTrack, MarkerTrack, WrenchTrack
+    from rig.python.session import (
+        ArmTrack,
+        GripperTrack,
+        Lift,
+        MarkerTrack,
+        SensorFrame,
+        Session,
+        WrenchTrack,
+        open_session,
+    )
     from rig.tactile.angles import Angles
     from rig.tactile.sample import SlipSample
 
@@ -80,8 +88,10 @@ _HOMES = {
     "rig.frames.streaming": ("StreamingEstimator",),
     "rig.python.calibrating": ("CameraSolution", "HandEyeSolution", "solve_camera", "solve_hand_eye"),
     "rig.python.estimating": ("Score", "estimate", "estimator", "score"),
-    "rig.python.session": ("Lift", "SensorFrame", "Session", "open_session"),
-    "rig.python.tracks": ("ArmTrack", "GripperTrack", "MarkerTrack", "WrenchTrack"),
+    "rig.python.session": (
+        "ArmTrack", "GripperTrack", "Lift", "MarkerTrack", "SensorFrame", "Session", "WrenchTrack",
+        "open_session",
+    ),
     "rig.tactile.angles": ("Angles",),
     "rig.tactile.sample": ("SlipSample",),
 }  # fmt: skip

@@ -20,9 +20,9 @@ from rig.config import BenchConfig
 from rig.config.write import write_bench
 from rig.experiments.lift_plan import TrialSettings
 from rig.experiments.trial import run_trial
-from rig.live import screen
 from rig.tactile.estimators import choose_estimator
 from rig.tactile.slip.compiling import compile_all
+from rig.terminal import screen
 from support.benches import lighter
 from support.fuzz import PROFILE
 from support.shared import made_once

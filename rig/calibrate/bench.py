@@ -21,10 +21,10 @@ from rig.bench.operators import ConsoleOperator
 from rig.bench.plan import Plan, PlannedMotion, make_plan
 from rig.bench.source import session_bench
 from rig.config import BenchConfig
-from rig.live.onlookers import Event, tell
 from rig.tactile.contact.background import mean_background
 from rig.tactile.contact.finder import ContactFinder
 from rig.tactile.contact.gate import TouchDebounce
+from rig.terminal.onlookers import Event, announce
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,11 +47,11 @@ class Station:
 
     def note(self, text: str, done: int, total: int) -> None:
         self.say(f"  {text}")
-        tell(Event("progress", text, done, total))
+        announce(Event("progress", text, done, total))
 
     def left_out(self, name: str, reason: str) -> None:
         self.say(f"  {name}: {reason}")
-        tell(Event("fault", f"{name}: {reason}"))
+        announce(Event("fault", f"{name}: {reason}"))
 
     def camera(self) -> CameraModel:
         """Return the calibrated camera if its file is in the folder, else the bench file's pinhole model.

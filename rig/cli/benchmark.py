@@ -80,9 +80,9 @@ def command_of(study: "Study[Any]") -> Callable[..., None]:
 def _carry_out(study: "Study[Any]", options: Any, shared: SharedOptions) -> None:
     from rig.benchmark.harness import Run, as_json, check_readme, write_section
     from rig.frames.masks import make_folder
-    from rig.live.terminal import WorkProgress
     from rig.sessions.files import write_file, write_json
     from rig.sessions.session import default_folder
+    from rig.terminal.progress import WorkProgress
 
     began = time.perf_counter()
     section = study.name
@@ -120,7 +120,7 @@ def _carry_out(study: "Study[Any]", options: Any, shared: SharedOptions) -> None
 
 def _print(report: "Report", wall_s: float, to_stderr: bool) -> None:
     from rig.benchmark.harness import limit_table
-    from rig.live.tables import console_table, table_console
+    from rig.terminal.tables import console_table, table_console
 
     console, explained = table_console(to_stderr), dict[str, str]()
     limits = [limit_table(report.limits, report.limits_of)] if report.limits else []

@@ -21,10 +21,10 @@ from rig.cli.options import (
     WatchOptions,
     YesOption,
 )
-from rig.cli.watching import Work, dry_run, watched
+from rig.cli.resuming import dry_run, watched
 from rig.declared import argument, file_place, folder_place, is_given, option
-from rig.live.questions import ask, ask_line
-from rig.live.screen import begin_phase
+from rig.terminal.questions import ask, ask_line
+from rig.terminal.screen import begin_phase
 
 if TYPE_CHECKING:
     from rig.calibrate.bench import Station
@@ -138,7 +138,7 @@ def _station(
     say(title)
     with ExitStack() as stack:
         watch = WatchOptions() if common.dry else common
-        listeners = stack.enter_context(watched(context, Work(title, what, total), watch))
+        listeners = stack.enter_context(watched(context, watch, title, what, total))
         show = None
         if listeners:
             from rig.live.feed import LiveFeed

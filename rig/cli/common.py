@@ -11,10 +11,13 @@ from types import FrameType
 from typing import TYPE_CHECKING
 
 from drivers.errors import EstimatorError, InputError, OperatorStopError, RigError, SessionError
-from rig.live.output import discard
+from rig.terminal.screen import discard
 
 if TYPE_CHECKING:
     from rig.tactile.sample import EstimatorFaults
+
+
+NO_BROWSER = "no browser could be started: open the address above in a browser on this computer"
 
 
 class Exit(IntEnum):
@@ -36,7 +39,6 @@ _answered = False
 
 
 def emit_json(value: Mapping[str, object]) -> None:
-    """Print the JSON object that is the result of a command."""
     global _answered
     _answered = True
     print(json.dumps(value))
@@ -70,7 +72,6 @@ def emit_error(message: str, kind: str, code: int) -> None:
 
 
 def exit_code(error: RigError) -> Exit:
-    """Return the exit code of an error."""
     if isinstance(error, OperatorStopError):
         return Exit.STOPPED
     return Exit.USAGE if isinstance(error, InputError) else Exit.FAULT

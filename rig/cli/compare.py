@@ -2,22 +2,16 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from drivers.errors import InputError
 from rig.cli.common import print_result, report_faults, say, trial_jobs
 from rig.cli.options import JsonOption
 from rig.declared import argument, file_place, option
-
-if TYPE_CHECKING:
-    from rig.report.compare import Comparison
-    from rig.report.sides import Side
+from rig.terminal.progress import WorkProgress
 
 
 @dataclass(frozen=True, slots=True)
 class CompareOptions:
-    """The two sessions or estimators, and the page to write."""
-
     first: str = argument(
         ..., "Session folder of a trial; with --on, an estimator (a name or package.module:Class)."
     )
@@ -38,78 +32,57 @@ def compare(options: CompareOptions) -> None:
 
     Examples:
       rig compare sessions/monday sessions/tuesday
-
       rig compare slip ellipse --on sessions/2026-11-21T093000_trial
-
       rig compare slip pca --on sessions/monday --out slip_pca.html --json
-
     """
     from rig.report.compare import compare_lifts, verdict
-    from rig.report.compare_page import compare_page
+    from rig.report.compare_page import compare_page, figure_table, object_table
+    from rig.report.sides import estimator_side, session_side
     from rig.report.write import write_page
+    from rig.results.metrics import FEWEST_LIFTS, INTERVAL
+    from rig.results.notes import lift_note
+    from rig.terminal.tables import console_table, table_console
 
     if options.out is None:
         file_place(Path("compare.html"))  # an unwritable folder is reported before hours of replays
-    sides, about = _sides(options)
-    notes = [note for side in sides for note in side.notes]
-    for note in notes:
-        say(f"note: {note}")
-    names = _names(sides)
-    same = sides[0].estimator == sides[1].estimator
-    found = compare_lifts(names, sides[0].lifts, sides[1].lifts, same)
-    page = options.out or Path(f"compare_{_file_part(names[0])}_{_file_part(names[1])}.html")
-    write_page(page, compare_page(found, any(side.simulated for side in sides), about, notes))
-    if not options.json:
-        _print(found)
-    said = verdict(found) if found.judged else None
-    print_result(options.json, {"report": str(page), "verdict": said, **found.as_json()}, page)
-    if options.on is not None:
-        rows = [lift for side in sides for lift in side.lifts]
-        report_faults(row.estimator_faults for row in rows if row.estimator_faults)
-
-
-def _sides(options: CompareOptions) -> "tuple[tuple[Side, Side], str]":
-    """Return both sides and a sentence that describes them. Raises `InputError`."""
-    from rig.live.terminal import WorkProgress
-    from rig.report.sides import estimator_side, session_side
-    from rig.results.notes import lift_note
-
     first, second, on = options.first, options.second, options.on
     if first == second:
         raise InputError(f"{first} is given twice: name two sessions, or two estimators and --on SESSION")
     if on is None:
         sides = session_side(Path(first)), session_side(Path(second))
-        return sides, f"Two sessions: {first} and {second}."
-    jobs = trial_jobs(options.jobs, True, False)
-    with WorkProgress(1, "lifts") as bar:
-        show = bar.showing(lift_note)
-        sides = estimator_side(on, first, jobs, show), estimator_side(on, second, jobs, show)
-    return sides, f"Two estimators on the lifts of session {on.name}."
-
-
-def _names(sides: "tuple[Side, Side]") -> tuple[str, str]:
-    first, second = (side.name for side in sides)
-    return (first, second) if first != second else (f"{first} (1)", f"{second} (2)")
-
-
-def _file_part(name: str) -> str:
-    return name.replace(":", ".").replace("/", "-")
-
-
-def _print(found: "Comparison") -> None:
-    from rig.live.tables import console_table, table_console
-    from rig.report.compare import verdict
-    from rig.report.compare_page import figure_table, object_table
-    from rig.results.metrics import FEWEST_LIFTS, INTERVAL
-
-    console = table_console()
-    title = f"{found.names[1]} minus {found.names[0]}; {INTERVAL} if there are at least {FEWEST_LIFTS} lifts"
-    for table in (figure_table(found), object_table(found)):
-        if table.rows:
-            console.print(console_table(table.columns, table.rows, title=title))
-    for own in found.apart:
-        console.print(own.text, highlight=False)
-    console.print(verdict(found))
-    for name, alone in zip(found.names, found.alone, strict=True):
-        if alone:
-            console.print(f"left out because only {name} has them: {'; '.join(alone)}", highlight=False)
+        about = f"Two sessions: {first} and {second}."
+    else:
+        jobs = trial_jobs(options.jobs, True, False)
+        with WorkProgress(1, "lifts") as bar:
+            show = bar.showing(lift_note)
+            sides = estimator_side(on, first, jobs, show), estimator_side(on, second, jobs, show)
+        about = f"Two estimators on the lifts of session {on.name}."
+    notes = [note for side in sides for note in side.notes]
+    for note in notes:
+        say(f"note: {note}")
+    names = sides[0].name, sides[1].name
+    if names[0] == names[1]:
+        names = f"{names[0]} (1)", f"{names[1]} (2)"
+    same = sides[0].estimator == sides[1].estimator
+    found = compare_lifts(names, sides[0].lifts, sides[1].lifts, same)
+    parts = (name.replace(":", ".").replace("/", "-") for name in names)
+    page = options.out or Path(f"compare_{'_'.join(parts)}.html")
+    write_page(page, compare_page(found, any(side.simulated for side in sides), about, notes))
+    if not options.json:
+        console = table_console()
+        least = f"{INTERVAL} if there are at least {FEWEST_LIFTS} lifts"
+        for table in (figure_table(found), object_table(found)):
+            if table.rows:
+                title = f"{names[1]} minus {names[0]}; {least}"
+                console.print(console_table(table.columns, table.rows, title=title))
+        for own in found.apart:
+            console.print(own.text, highlight=False)
+        console.print(verdict(found))
+        for name, alone in zip(names, found.alone, strict=True):
+            if alone:
+                console.print(f"left out because only {name} has them: {'; '.join(alone)}", highlight=False)
+    said = verdict(found) if found.judged else None
+    print_result(options.json, {"report": str(page), "verdict": said, **found.as_json()}, page)
+    if on is not None:
+        rows = [lift for side in sides for lift in side.lifts]
+        report_faults(row.estimator_faults for row in rows if row.estimator_faults)

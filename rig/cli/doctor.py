@@ -12,8 +12,6 @@ from rig.declared import folder_place, option
 
 @dataclass(frozen=True, slots=True)
 class DoctorOptions:
-    """The bench, and settings of the checks."""
-
     bench: BenchOption = "fake"
     seconds: float = option(3.0, "Time over which each frame rate is measured, s.", min=0.5, max=600)
     snapshot: Path | None = option(
@@ -32,9 +30,7 @@ def doctor(options: DoctorOptions) -> None:
 
     Examples:
       rig doctor --bench my_bench.toml
-
       rig doctor --bench my_bench.toml --snapshot today --json
-
     """
     from rig.config import load_bench
     from rig.doctor.examination import examine

@@ -1,26 +1,22 @@
-"""`rig estimate`: estimate the rotation of the contact in your own tactile frames."""
+"""`rig estimate`, `rig explain`: estimate the rotation of the contact in your own frames; draw its stages."""
 
-from dataclasses import dataclass
+import io
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from drivers.errors import InputError
-from rig.cli.common import emit_json, mark, report_broken, report_faults, say
+from rig.cli.common import emit_json, mark, print_result, report_broken, report_faults, say
 from rig.cli.options import JsonOption, TopicOption
 from rig.declared import argument, file_place, folder_place, option
-from rig.live.screen import begin_phase
+from rig.terminal.screen import begin_phase
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from rig.frames.estimation import EstimatedSeries, Estimation
-    from rig.tactile.sample import EstimatorFaults
+    from rig.frames.estimates import EstimatedSeries, Estimation
 
 
 @dataclass(frozen=True, slots=True)
 class SourceOptions:
-    """The frames to estimate, and their times."""
-
     frames: Path = argument(
         ...,
         "Folder of images (sorted by name), image, video (.avi, .mp4, .mkv, .webm ...), array "
@@ -39,8 +35,6 @@ class SourceOptions:
 
 @dataclass(frozen=True, slots=True)
 class EstimationOptions:
-    """Settings of the estimation."""
-
     background: str | None = option(
         None,
         "Frame without contact: an IMAGE, first:N (mean of the first N frames) or auto (computed from "
@@ -84,8 +78,6 @@ class EstimationOptions:
 
 @dataclass(frozen=True, slots=True)
 class ResultOptions:
-    """Files of the result."""
-
     out: Path | None = option(
         None, "CSV file to write; for a session, a folder. Default: print the table on stdout."
     )
@@ -114,31 +106,29 @@ def estimate(source: SourceOptions, how: EstimationOptions, to: ResultOptions) -
 
     Examples:
       rig estimate lift.avi --background first:10 --out lift.csv --page lift.html
-
       rig estimate sessions/2026-11-21T093000_trial/lifts/001.mcap --sensor D20273
-
       rig estimate lift.avi --background first:10 --lift-from 2.4
-
       rig estimate frames/ --timestamps times.csv --reference-time 1.25
-
       rig estimate frames/ --background empty.png --estimator ellipse --json
-
       rig estimate bag/ --topic /digit_left/image_raw/compressed
-
       rig estimate TactileTracking/key0 --out key0.csv
-
     """
-    _estimate(source, how, to)
-
-
-def _estimate(source: SourceOptions, how: EstimationOptions, to: ResultOptions) -> None:
-    """Estimate a session, a recording or other frames."""
+    from rig.frames.estimates import Estimation
     from rig.sessions.files import is_recording
     from rig.sessions.manifest import is_session
+    from rig.tactile.estimators import choose_estimator
 
     frames = source.frames
     of_session, of_recording = is_session(frames), is_recording(frames)
-    run = _run(source, how, of_session or of_recording)
+    of_rig = of_session or of_recording
+    choice = choose_estimator(how.estimator, how.window, gel=how.gel)
+    run = Estimation(choice, how.background, how.reference_time, how.lift_from, how.pixel_aspect)
+    if of_rig and (source.timestamps is not None or source.fps is not None or run.lift is not None):
+        raise InputError(f"{frames} contains its times: leave --timestamps, --fps and --lift-from out")
+    if of_rig and how.gel is not None:
+        raise InputError(f"{frames} is of several sensors: leave --gel out, or give frames of one")
+    if of_rig and source.topic is not None:
+        raise InputError(f"{frames} is not a ROS bag: leave --topic out, or give --sensor")
     folder_place(to.out if of_session else to.out and to.out.parent)  # created if it is missing
     if of_session:
         _session(source, run, to)
@@ -146,25 +136,6 @@ def _estimate(source: SourceOptions, how: EstimationOptions, to: ResultOptions) 
         _recording(source, run, to)
     else:
         _series(source, run, to, how.gel)
-
-
-def _run(source: SourceOptions, how: EstimationOptions, of_rig: bool) -> "Estimation":
-    """Return the settings of the estimation.
-
-    of_rig: whether the frames are of a recording or session, which contains its times. Raises `InputError`.
-    """
-    from rig.frames.estimation import Estimation
-    from rig.tactile.estimators import choose_estimator
-
-    choice = choose_estimator(how.estimator, how.window, gel=how.gel)
-    run = Estimation(choice, how.background, how.reference_time, how.lift_from, how.pixel_aspect)
-    if of_rig and (source.timestamps is not None or source.fps is not None or run.lift is not None):
-        raise InputError(f"{source.frames} contains its times: leave --timestamps, --fps and --lift-from out")
-    if of_rig and how.gel is not None:
-        raise InputError(f"{source.frames} is of several sensors: leave --gel out, or give frames of one")
-    if of_rig and source.topic is not None:
-        raise InputError(f"{source.frames} is not a ROS bag: leave --topic out, or give --sensor")
-    return run
 
 
 def _series(source: SourceOptions, run: "Estimation", to: ResultOptions, gel: Path | None) -> None:
@@ -184,13 +155,10 @@ def _series(source: SourceOptions, run: "Estimation", to: ResultOptions, gel: Pa
     begin_phase(f"estimating with {run.choice.name}")
     done = run.of_series(series)
     figures = _report(f"{mark(series.simulated)}{path}", done, run)
-    _deliver(rows(done.estimate, mm_per_px), figures, to)
-    _page(to.page, [done], path, run, series.simulated)
-    report_faults(_faults([done]))
+    _deliver(rows(done.estimate, mm_per_px), figures, to, [done], path, run, series.simulated)
 
 
 def _recording(source: SourceOptions, run: "Estimation", to: ResultOptions) -> None:
-    """Estimate all fingertips of one recording and write one table."""
     from rig.frames.estimates import rows
     from rig.frames.of_session import of_sensor, recording_frames
     from rig.sessions.recording_file import recording_values
@@ -204,13 +172,11 @@ def _recording(source: SourceOptions, run: "Estimation", to: ResultOptions) -> N
         samples += [{**row, "sensor": tip.serial} for row in rows(done.estimate)]
         report = _report(f"{path}, {tip.serial}", done, run)
         figures.append({"serial": tip.serial, "sign": tip.sign, **report})
-    _deliver(samples, {"recording": str(path), "sensors": figures}, to)
-    _page(to.page, shown, path, run, recording_values(path).get("simulated") == "SIMULATED")
-    report_faults(_faults(shown))
+    simulated = recording_values(path).get("simulated") == "SIMULATED"
+    _deliver(samples, {"recording": str(path), "sensors": figures}, to, shown, path, run, simulated)
 
 
 def _session(source: SourceOptions, run: "Estimation", to: ResultOptions) -> None:
-    """Estimate a session and write one table per lift and sensor."""
     from rig.frames.estimates import rows, table
     from rig.frames.of_session import of_sensor, session_frames
 
@@ -227,7 +193,7 @@ def _session(source: SourceOptions, run: "Estimation", to: ResultOptions) -> Non
         file = out / f"{tip.lift}_{tip.serial}.csv"
         _write(file, table(rows(done.estimate)))
         figures = _report(f"lift {tip.lift}, {tip.serial}", done, run)
-        faults += _faults([done])
+        faults += [done.faults] if done.faults else []
         lifts.append({"lift": tip.lift, "serial": tip.serial, "sign": tip.sign, **figures, "out": str(file)})
     if to.json:
         emit_json({"session": str(path), "out": str(out), "lifts": lifts})
@@ -235,8 +201,16 @@ def _session(source: SourceOptions, run: "Estimation", to: ResultOptions) -> Non
     report_faults(faults)
 
 
-def _deliver(samples: list[dict[str, object]], figures: dict[str, object], to: ResultOptions) -> None:
-    """Write the table to its file or to stdout; with --json and without --out put the rows in the JSON."""
+def _deliver(
+    samples: list[dict[str, object]],
+    figures: dict[str, object],
+    to: ResultOptions,
+    shown: "list[EstimatedSeries]",
+    source: Path,
+    run: "Estimation",
+    simulated: bool,
+) -> None:
+    """Write the table and the page; with --json and without --out put the rows in the JSON."""
     from rig.frames.estimates import table
 
     if to.out is not None:
@@ -245,24 +219,15 @@ def _deliver(samples: list[dict[str, object]], figures: dict[str, object], to: R
         print(table(samples), end="")
     if to.json:
         emit_json({**figures, **({"samples": samples} if to.out is None else {"out": str(to.out)})})
+    if to.page is not None:
+        from rig.report.own_frames import estimate_page
+        from rig.report.write import write_page
 
-
-def _page(
-    page: Path | None,
-    shown: "list[EstimatedSeries]",
-    source: Path,
-    run: "Estimation",
-    simulated: bool = False,
-) -> None:
-    if page is None:
-        return
-    from rig.report.own_frames import estimate_page
-    from rig.report.write import write_page
-
-    about = f"Estimator {run.choice.name}; {', '.join(dict.fromkeys(one.background for one in shown))}."
-    begin_phase("writing the page")
-    write_page(page, estimate_page(shown, source.name, about, simulated))
-    say(f"page: {page}")
+        about = f"Estimator {run.choice.name}; {', '.join(dict.fromkeys(one.background for one in shown))}."
+        begin_phase("writing the page")
+        write_page(to.page, estimate_page(shown, source.name, about, simulated))
+        say(f"page: {to.page}")
+    report_faults(one.faults for one in shown if one.faults)
 
 
 def _write(file: Path, text: str) -> None:
@@ -274,18 +239,77 @@ def _write(file: Path, text: str) -> None:
 
 
 def _report(what: str, done: "EstimatedSeries", run: "Estimation") -> dict[str, object]:
-    """Print the summary on stderr and return it for the JSON output."""
-    from dataclasses import asdict
-
     for warning in done.warnings:
         say(f"warning: {warning}")
     say(done.background)
     say(f"{what}: {run.choice.name}, {done.text}")
     settings = {"estimator": run.choice.name, "window": run.choice.window, "background": done.background}
     about = {"frames_from": what, **settings, "angles_from": done.angles_from}
-    warnings = [*done.warnings, *map(str, _faults([done]))]
+    warnings = [*done.warnings, *([str(done.faults)] if done.faults else [])]
     return {**about, **asdict(done.figures), "warnings": warnings}
 
 
-def _faults(done: "Sequence[EstimatedSeries]") -> "list[EstimatorFaults]":
-    return [faults for one in done if (faults := one.faults)]
+@dataclass(frozen=True, slots=True)
+class ExplainOptions:
+    frames: Path = argument(..., "Folder of images (sorted by name), video, ROS bag, or session of a trial.")
+    out: Path = option(..., "PNG file to write.", callback=file_place)
+    background: str | None = option(None, "Frame without contact, as in rig estimate.")
+    topic: TopicOption = None
+    lift: int = option(1, "Number of the lift in a session.", min=1)
+    serial: str | None = option(None, "Serial of the sensor in a session. Default: the first.")
+    pixel_aspect: float | None = option(
+        None, "Width of a pixel on the gel divided by its height. Default: 1.", min=0.5, max=2.0
+    )
+    height: Path | None = option(
+        None,
+        "Draw depth and normals instead, by this file of rig calibrate tactile, and write both beside the "
+        "picture (.npz: depth_mm, normals; every second pixel).",
+    )
+    json: JsonOption = False
+
+
+def explain(options: ExplainOptions) -> None:
+    """Draw how the estimator slip finds an angle, on the two frames with the largest rotation between them.
+
+    The first row shows the features of the frame of angle zero: its difference from the frame without
+    contact, its texture, weighted by the network, and the curvature of the gel. The second row shows the
+    frame, the slopes of its gel surface, and these slopes turned by the estimated angle. The third row shows
+    the frame with the largest angle, its slopes, and the difference from the turned slopes, which the
+    rotation does not explain. Hue is a direction, brightness a steepness or strength; in the first and last
+    picture of the first row grey is 0.
+
+    Examples:
+      rig explain frames/ --background empty.png --out stages.png
+      rig explain sessions/2026-11-21T093000_trial --lift 3 --out stages.png
+      rig explain frames/ --background empty.png --height calibrations/tactile-D20641.yaml --out height.png
+    """
+    import numpy as np
+
+    from drivers.images import encode_png
+    from rig.frames.gel_height import read_gel_map
+    from rig.frames.stages import explained_frames, explained_lift, height_picture, stages_picture
+    from rig.sessions.files import write_file
+    from rig.sessions.manifest import is_session
+
+    if is_session(options.frames):
+        if (options.background, options.pixel_aspect, options.topic) != (None, None, None):
+            own = "--background, --pixel-aspect and --topic"
+            raise InputError(f"{options.frames} is a session: leave {own} out")
+        turn = explained_lift(options.frames, options.lift, options.serial)
+    else:
+        turn = explained_frames(options.frames, options.background, options.pixel_aspect, options.topic)
+    figures: dict[str, object] = {"angle_deg": turn.angle_deg, "sigma_deg": turn.sigma_deg}
+    if options.height is None:
+        picture = stages_picture(turn)
+    else:
+        gel = read_gel_map(options.height)
+        picture, shape = height_picture(turn, gel)
+        arrays = io.BytesIO()
+        np.savez_compressed(arrays, depth_mm=shape.depth_mm, normals=shape.normals)
+        write_file(options.out.with_suffix(".npz"), arrays.getvalue())
+        across, down = (px * mm for px, mm in zip(turn.shift_px, gel.mm_per_px, strict=True))
+        figures["shift_mm"] = [across, down]
+        say(f"moved by {across:+.2f} mm to the right, {down:+.2f} mm down")
+    write_file(options.out, encode_png(picture))
+    say(f"turned by {turn.angle_deg:+.2f} deg (image angle) in {turn.apart_s:.2f} s")
+    print_result(options.json, {"picture": str(options.out), **figures}, options.out)

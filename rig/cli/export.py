@@ -1,17 +1,17 @@
 """`rig export`: write a session in the formats of other tools."""
 
+import time
 from dataclasses import dataclass
 from pathlib import Path
 
 from rig.cli.common import print_result, report_broken, say
 from rig.cli.options import JsonOption
 from rig.declared import argument, folder_place, option
+from rig.terminal.screen import begin_phase
 
 
 @dataclass(frozen=True, slots=True)
 class ExportOptions:
-    """The session, the format, and the folder to write."""
-
     session: Path = argument(..., "Session folder of a trial or a recording.")
     to: str = option(..., "Format: csv, parquet, coco, labelme, lerobot or rosbag2.")
     out: Path | None = option(
@@ -37,23 +37,11 @@ def export(options: ExportOptions) -> None:
 
     Examples:
       rig export sessions/2026-11-21T093000_trial --to csv
-
       rig export sessions/2026-11-21T093000_trial --to lerobot --out /data/lifts
-
       rig export sessions/2026-11-21T101500_obj7_record --to labelme
-
     """
-    from rig.live.screen import begin_phase
-
     folder = options.out or options.session / "export" / options.to
     begin_phase(f"exporting to {options.to}")
-    _export(options, folder)
-
-
-def _export(options: ExportOptions, folder: Path) -> None:
-    """Write the files, print their number by kind, and print the result."""
-    import time
-
     from rig.export.formats import export_session
 
     began = time.perf_counter()

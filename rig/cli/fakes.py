@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from drivers.errors import OperatorStopError
 from rig.cli.common import print_result, say
 from rig.cli.helping import Commands
 from rig.cli.options import JsonOption, ObjectsOption, SeedOption
@@ -21,8 +22,6 @@ ServedBench = Annotated[str, typer.Option("--bench", help="Bench file that 'rig 
 
 @dataclass(frozen=True, slots=True)
 class ServeOptions:
-    """The devices to serve, and their addresses."""
-
     bench: str = option("wire", "Bench with the devices: wire, or a bench file with a table \\[fakes].")
     host: str = option("127.0.0.1", "Loopback address of the devices; use another one for a second bench.")
     polyscope: str = option("5.11.0", "PolyScope version that the controller reports.")
@@ -39,17 +38,11 @@ def serve(options: ServeOptions) -> None:
 
     Examples:
       rig fakes serve --write fakes.toml
-
       rig fakes serve --host 127.0.0.2 --polyscope 5.25.0 --write second.toml
-
       rig trial --bench fakes.toml --lifts 1 --object wrench
-
       rig fakes place wrench --bench fakes.toml
-
       rig fakes fault arm protective_stop --bench fakes.toml
-
     """
-    from drivers.errors import OperatorStopError
     from rig.bench.fakes_process import hosted_fakes
     from rig.config import load_bench
     from rig.config.write import bench_text, write_bench
@@ -86,7 +79,6 @@ def place(
 
     Examples:
       rig fakes place wrench --bench fakes.toml
-
     """
     from rig.bench.fakes_process import fakes_control
     from rig.bench.twins import laid_as
@@ -110,9 +102,7 @@ def fault(
 
     Examples:
       rig fakes fault SIM-D0001 freeze --bench fakes.toml
-
       rig fakes fault all clear --bench fakes.toml
-
     """
     from rig.bench.fakes_process import fakes_control
     from rig.config import load_bench
@@ -126,7 +116,6 @@ def status(bench: ServedBench, json: JsonOption = False) -> None:
 
     Examples:
       rig fakes status --bench fakes.toml --json
-
     """
     from rig.bench.fakes_process import fakes_control, state_lines
     from rig.config import load_bench

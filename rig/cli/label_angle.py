@@ -4,15 +4,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from drivers.errors import InputError, counted
-from rig.cli.common import emit_json, mark, say
+from rig.cli.common import NO_BROWSER, emit_json, mark, say
 from rig.cli.options import JsonOption, TopicOption
 from rig.declared import argument, option
 
 
 @dataclass(frozen=True, slots=True)
 class LabelAngleOptions:
-    """The clip, and the frames to label."""
-
     clip: Path = argument(
         ...,
         "Folder with a folder frames/, a video or a ROS bag, and background.png, a frame without contact.",
@@ -43,15 +41,10 @@ def label_angle(options: LabelAngleOptions) -> None:
 
     Examples:
       rig label-angle clips/pen_2
-
       rig label-angle clips/pen_2 --reference 15 --count 6 --no-browser
-
     """
-    _label(options)
+    import webbrowser
 
-
-def _label(options: LabelAngleOptions) -> None:
-    """Show the page until the labels are written."""
     from rig.frames.clips import LABELS, clip_frames
     from rig.frames.series import read_frames
     from rig.labels.angle_lines import LINES, LineLog, background_of, chosen_frames, load_clip, read_drawn
@@ -73,17 +66,10 @@ def _label(options: LabelAngleOptions) -> None:
     log = LineLog(clip / LINES, to_label, drawn)
     with AngleServer(to_label, log) as server, way_to(server.address) as way:
         say(f"draw the lines at {server.address}")
-        if options.browser:
-            _open(way)
+        if options.browser and not webbrowser.open(way):
+            say(NO_BROWSER)
         while (labels := server.labels_written(timeout_s=0.2)) is None:
             pass
     say(f"{counted(labels, 'label')} written to {out}")
     if options.json:
         emit_json({"out": str(out), "labels": labels, "frames": len(to_label.frames)})
-
-
-def _open(way: str) -> None:
-    import webbrowser
-
-    if not webbrowser.open(way):
-        say("no browser could be started: open the address above in a browser on this computer")

@@ -1,4 +1,4 @@
-"""`rig live`: show the angle of one or two sensors live, without a bench."""
+"""`rig live`, `rig bridge`: show or publish the angle of one or two sensors live, without a bench."""
 
 import json
 import os
@@ -6,22 +6,27 @@ import signal
 import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, nullcontext
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from drivers.clock import SystemClock, to_ns
 from drivers.errors import EstimatorError, InputError
-from rig.cli.common import STOPS, Exit, mark, say
+from rig.cli.common import NO_BROWSER, STOPS, Exit, mark, say
+from rig.cli.helping import Commands
 from rig.declared import argument, option
+from rig.terminal.screen import shown
 
 if TYPE_CHECKING:
-    from drivers.interfaces import FrameSource
-    from rig.live.desk import Desk, DeskSettings
-    from rig.live.desk_sensor import Reading
+    from rig.live.desk import Desk, Reading
     from rig.live.feed import Listener
     from rig.live.watch import WatchPage
 
+bridge = Commands(
+    no_args_is_help=True, help="Publish live angles, alarms and images for other robot software."
+)
 CLIPS = Path("clips")
 TERMINAL_EVERY_S = 0.1
 """Interval at which the lines on a terminal are updated."""
@@ -33,8 +38,6 @@ PLAIN_EVERY_S = 1.0
 
 @dataclass(frozen=True, slots=True)
 class LiveSourceOptions:
-    """The sensors."""
-
     sources: list[str] = argument(
         ...,
         "One or two sources: a DIGIT's serial, /dev/videoN or its number, an MJPEG address (http://...), a "
@@ -55,8 +58,6 @@ class LiveSourceOptions:
 
 @dataclass(frozen=True, slots=True)
 class LiveAngleOptions:
-    """Settings of the estimation."""
-
     estimator: str | None = option(None, "Estimator, as in rig estimate. Default: slip.")
     background: Path | None = option(
         None,
@@ -75,8 +76,6 @@ class LiveAngleOptions:
 
 @dataclass(frozen=True, slots=True)
 class LiveViewOptions:
-    """Output of the angle: page, text or JSON."""
-
     terminal: bool = option(False, "Show the angle as text in the terminal, without a page.")
     json: bool = option(False, "Print one JSON object per frame on stdout, without a page.")
     browser: bool = option(True, "Open the page in the browser.", "--browser/--no-browser")
@@ -103,56 +102,45 @@ def live(source: LiveSourceOptions, how: LiveAngleOptions, view: LiveViewOptions
 
     Examples:
       rig live fake
-
       rig live D20641 --no-browser
-
       rig live /dev/video2 --sensor gelsight-mini
-
       rig live http://127.0.0.1:8080/stream.mjpg --json
-
       rig live lift.avi --terminal --background empty.png
-
       rig live fake fake --terminal --seconds 10
-
     """
+    page, summaries = None, []
     with stopped_by_person() as stopped, ExitStack() as stack:
-        summaries = _show_live(source, how, view, stack, stopped)
+        import webbrowser
+
+        from drivers.realtime import compute_in_one_thread
+        from rig.live.watch import WatchPage, watch_address
+        from rig.pages.requests import way_to
+
+        if view.watch_at is not None and (view.terminal or view.json):
+            raise InputError("--watch-at is the address of the page: leave it out, or --terminal and --json")
+        name = f"{mark(is_simulated(source.sources))}rig live {' '.join(source.sources)}"
+        if not view.terminal and not view.json:  # its process starts up while this one imports the rest
+            page = WatchPage(watch_address(view.watch_at), name, estimators=offered(how.estimator))
+            stack.callback(page.close)
+        desk = desk_of(source, how, stack, view.clips, () if page is None else (page.listener,))
+        say(f"{name}{'' if page is None else f' at {page.address}'}; press Ctrl-C to end")
+        if page is not None and view.browser:
+            secret = bool(page.process.access.key)
+            if not webbrowser.open(stack.enter_context(way_to(page.address)) if secret else page.address):
+                say(NO_BROWSER)
+        compute_in_one_thread()
+        stack.enter_context(desk)
+        show: Callable[[Reading], None] = lambda reading: None  # noqa: E731 - a page needs no lines
+        if view.json:
+            show = partial(_print_json, stopped)
+        elif view.terminal:
+            show = stack.enter_context(_terminal())
+        run_desk(desk, show, view.seconds, stopped, page)
+        if desk.fault is not None:
+            raise EstimatorError(f"ended; the estimator failed: {desk.fault}")
+        if not desk.ended:  # the summaries of sources that have ended were shown then
+            summaries = [f"{sensor.name}: {sensor.summary}" for sensor in desk.sensors.values()]
     say("\n".join([*summaries, "ended"]))
-
-
-def _show_live(
-    source: LiveSourceOptions,
-    how: LiveAngleOptions,
-    view: LiveViewOptions,
-    stack: ExitStack,
-    stopped: threading.Event,
-) -> list[str]:
-    """Run the desk, with its page if there is one, until `stopped` is set.
-
-    Returns the summaries of the sensors; none if the sources have ended, because they were shown then.
-    """
-    from drivers.realtime import compute_in_one_thread
-
-    if view.watch_at is not None and (view.terminal or view.json):
-        raise InputError("--watch-at is the address of the page: leave it out, or --terminal and --json")
-    page = None if view.terminal or view.json else _page(source, how.estimator, view, stack)
-    sources, settings = sources_of(source), settings_of(source, how, view.clips)
-    listeners = [] if page is None else [page.listener]
-    shown_at = "" if page is None else f" at {page.address}"
-    say(f"{_name(source)}{shown_at}; press Ctrl-C to end")
-    if page is not None and view.browser:
-        _open(page, stack)
-    compute_in_one_thread()
-    desk = stack.enter_context(desk_of(sources, settings, stack, listeners))
-    run_desk(desk, _shown(view, stack, stopped), view.seconds, stopped, page)
-    if desk.fault is not None:
-        raise EstimatorError(f"ended; the estimator failed: {desk.fault}")
-    return [] if desk.ended else [f"{sensor.name}: {sensor.summary}" for sensor in desk.sensors.values()]
-
-
-def _name(source: LiveSourceOptions) -> str:
-    """Return the command with its sensors, with the prefix "SIMULATED " if one of them is simulated."""
-    return f"{mark(is_simulated(source.sources))}rig live {' '.join(source.sources)}"
 
 
 def is_simulated(sources: Sequence[str]) -> bool:
@@ -163,18 +151,7 @@ def is_simulated(sources: Sequence[str]) -> bool:
     return any(text == FAKE or is_simulated_clip(Path(text)) for text in sources)
 
 
-def _page(
-    source: LiveSourceOptions, estimator: str | None, view: LiveViewOptions, stack: ExitStack
-) -> "WatchPage":
-    """Start the process that serves the page; it starts up while this process imports the rest."""
-    from rig.live.watch import WatchPage, watch_address
-
-    page = WatchPage(watch_address(view.watch_at), _name(source), estimators=_offered(estimator))
-    stack.callback(page.close)
-    return page
-
-
-def _offered(estimator: str | None) -> tuple[str, ...]:
+def offered(estimator: str | None) -> tuple[str, ...]:
     """Return the estimators that the user can choose from. estimator: named on the command line."""
     from rig.tactile.estimators import DEFAULT_ESTIMATOR, ESTIMATORS, TOSKOV
 
@@ -182,67 +159,44 @@ def _offered(estimator: str | None) -> tuple[str, ...]:
     return tuple(name for name in names if name != TOSKOV)
 
 
-def _open(page: "WatchPage", stack: ExitStack) -> None:
-    """Open the page in the browser."""
-    import webbrowser
+def desk_of(
+    source: LiveSourceOptions,
+    how: LiveAngleOptions,
+    stack: ExitStack,
+    clips: Path = CLIPS,
+    listeners: "Sequence[Listener]" = (),
+) -> "Desk":
+    """Return the desk of the options; its sensors are not connected yet.
 
-    from rig.pages.requests import way_to
-
-    secret = bool(page.process.access.key)
-    if not webbrowser.open(stack.enter_context(way_to(page.address)) if secret else page.address):
-        say("no browser could be started: open the address above in a browser on this computer")
-
-
-def sources_of(source: LiveSourceOptions) -> "list[FrameSource]":
-    """Return the sensors of the options, not connected yet. Raises `InputError`, `DeviceError`."""
-    from rig.bench.live_source import SENSORS, live_sources
-
-    if len(source.sources) > 2:
-        raise InputError(
-            f"{len(source.sources)} sources: give one, or two sensors that touch the same object"
-        )
-    if source.sensor not in (None, *SENSORS):
-        raise InputError(f"--sensor {source.sensor}: choose one of {', '.join(SENSORS)}")
-    return live_sources(source.sources, source.sensor, source.fps)
-
-
-def settings_of(source: LiveSourceOptions, how: LiveAngleOptions, clips: Path = CLIPS) -> "DeskSettings":
-    """Return how the desk of the options runs. Raises `InputError`."""
+    listeners: viewers that its messages go to. Raises `InputError`, `DeviceError`.
+    """
     from drivers.images import read_image
-    from rig.bench.live_source import serial_of
-    from rig.frames.estimation import require_frames_suffice
-    from rig.live.desk import DeskSettings
+    from rig.bench.live_source import SENSORS, live_sources, serial_of
+    from rig.frames.estimates import require_frames_suffice
+    from rig.live.desk import Desk, DeskSettings
+    from rig.live.feed import LiveFeed, Sender
     from rig.tactile.estimators import choose_estimator
 
-    if how.gel is not None and len(source.sources) > 1:
+    texts = source.sources
+    if len(texts) > 2:
+        raise InputError(f"{len(texts)} sources: give one, or two sensors that touch the same object")
+    if source.sensor not in (None, *SENSORS):
+        raise InputError(f"--sensor {source.sensor}: choose one of {', '.join(SENSORS)}")
+    sources = live_sources(texts, source.sensor, source.fps)
+    if how.gel is not None and len(texts) > 1:
         raise InputError("--gel is for one sensor: leave it out, or give one source")
     choice = choose_estimator(how.estimator, gel=how.gel)
     require_frames_suffice(choice)
-    background = None if how.background is None else read_image(how.background)
-    signs = (1, 1) if source.same_side else (1, -1)
-    serials = tuple(serial_of(text) for text in source.sources)
-    return DeskSettings(
+    settings = DeskSettings(
         choice,
-        signs,
-        background,
-        how.pixel_aspect,
-        clips,
-        serials,
-        is_simulated(source.sources),
-        _offered(how.estimator),
+        signs=(1, 1) if source.same_side else (1, -1),
+        background=None if how.background is None else read_image(how.background),
+        aspect=how.pixel_aspect,
+        clips=clips,
+        serials=tuple(map(serial_of, texts)),
+        simulated=is_simulated(texts),
+        estimators=offered(how.estimator),
     )
-
-
-def desk_of(
-    sources: "Sequence[FrameSource]",
-    settings: "DeskSettings",
-    stack: ExitStack,
-    listeners: "Sequence[Listener]" = (),
-) -> "Desk":
-    """Return the desk of sensors that are not connected yet. listeners: viewers that its messages go to."""
-    from rig.live.desk import Desk
-    from rig.live.feed import LiveFeed, Sender
-
     sender = Sender(LiveFeed(tuple(listeners)))
     stack.callback(sender.close)
     return Desk(sources, settings, sender)
@@ -285,8 +239,6 @@ def run_desk(
     show: called with each reading. seconds: time limit in s; None for no limit. page: whose buttons are
     handled.
     """
-    from drivers.clock import SystemClock, to_ns
-
     clock, notice = SystemClock(), ""
     end_ns = None if seconds is None else clock.now_ns() + to_ns(seconds)
     while not stopped.is_set() and (end_ns is None or clock.now_ns() < end_ns):
@@ -301,73 +253,81 @@ def run_desk(
             return
 
 
-def _shown(view: LiveViewOptions, stack: ExitStack, stopped: threading.Event) -> "Callable[[Reading], None]":
-    """Return the function that prints a reading; with a page it prints nothing."""
-    if view.json:
-        return lambda reading: _print_json(reading, stopped)
-    return stack.enter_context(_Terminal()) if view.terminal else lambda reading: None
-
-
-def _print_json(reading: "Reading", stopped: threading.Event) -> None:
+def _print_json(stopped: threading.Event, reading: "Reading") -> None:
     """Print a reading as one line of JSON; set `stopped` if the reader has gone, as after `| head`."""
     print(json.dumps(reading.values()), flush=True)
     if getattr(sys.stdout, "reader_gone", False):
         stopped.set()
 
 
-class _Terminal:
-    """Prints a line per sensor: updated in place on a terminal, else a new line every second."""
+@contextmanager
+def _terminal() -> "Iterator[Callable[[Reading], None]]":
+    """Yield a function that prints a line per sensor: updated on a terminal, else a new one every second."""
+    from rich.live import Live
 
-    def __init__(self) -> None:
-        from rich.live import Live
+    from rig.terminal.tables import PlainConsole
 
-        from rig.live.console import PlainConsole
+    lines, due_ns, console = dict[str, str](), dict[str, int](), PlainConsole()
+    display = Live(console=console, auto_refresh=False) if console.is_terminal else None
+    every_ns = to_ns(PLAIN_EVERY_S if display is None else TERMINAL_EVERY_S)
 
-        self._lines: dict[str, str] = {}
-        self._due_ns: dict[str, int] = {}
-        console = PlainConsole()
-        self._live = Live(console=console, auto_refresh=False) if console.is_terminal else None
-        self._shown = ExitStack()
-
-    def __enter__(self) -> "_Terminal":
-        from rig.live.screen import shown
-
-        if self._live is not None:
-            self._shown.enter_context(shown(self._live))
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._shown.close()
-
-    def __call__(self, reading: "Reading") -> None:
-        """Print a reading if the interval since the sensor's last line is over."""
-        from drivers.clock import to_ns
-
-        if reading.time_ns < self._due_ns.get(reading.name, 0):
+    def show(reading: "Reading") -> None:
+        if reading.time_ns < due_ns.get(reading.name, 0):
             return
-        every_s = PLAIN_EVERY_S if self._live is None else TERMINAL_EVERY_S
-        self._due_ns[reading.name] = reading.time_ns + to_ns(every_s)
-        self._lines[reading.name] = _line(reading)
-        if self._live is None:
-            print(self._lines[reading.name], flush=True)
+        due_ns[reading.name], lines[reading.name] = reading.time_ns + every_ns, reading.line()
+        if display is None:
+            print(lines[reading.name], flush=True)
         else:
-            self._live.update("\n".join(self._lines.values()), refresh=True)
+            display.update("\n".join(lines.values()), refresh=True)
+
+    with nullcontext() if display is None else shown(display):
+        yield show
 
 
-def _line(reading: "Reading") -> str:
-    from drivers.clock import NS_PER_S
-
-    sample = reading.sample
-    angle = "angle     -    "
-    if sample is not None and sample.angle_deg is not None:
-        sigma = "" if sample.sigma_deg is None else f" +- {sample.sigma_deg:.1f}"
-        angle = f"angle {sample.angle_deg:+6.1f}{sigma} deg"
-    rate = "" if sample is None or sample.rate_deg_s is None else f", {sample.rate_deg_s:+.1f} deg/s"
-    slip = "  SLIP" if sample is not None and sample.slip else ""
-    if reading.slips_s and not slip:
-        slip = f", last slip {reading.time_ns / NS_PER_S - reading.slips_s[-1]:.1f} s ago"
-    fps = "-" if reading.fps is None else f"{reading.fps:.0f}"
-    return (
-        f"{reading.name}: {angle}{rate}, {reading.state}{slip}; {fps} frames/s, {reading.dropped} dropped, "
-        f"{1e3 * reading.latency_s:.0f} ms"
+@dataclass(frozen=True, slots=True)
+class BridgeOptions:
+    # 232: highest domain whose port numbers fit into 16 bits (RTPS 2.5, section 9.6.2)
+    domain: int = option(
+        0,
+        "ROS domain of the nodes. Default: the environment variable ROS_DOMAIN_ID, else 0.",
+        min=0,
+        max=232,
+        envvar="ROS_DOMAIN_ID",
     )
+    seconds: float | None = option(None, "End after this time in s. Default: run until Ctrl-C.", min=0.0)
+
+
+@bridge.command("ros2")
+def ros2(source: LiveSourceOptions, how: LiveAngleOptions, to: BridgeOptions) -> None:
+    """Publish images, angle and slip alarm of one or two sensors for ROS 2 nodes.
+
+    ROS need not be installed on this computer. Nothing moves. Ctrl-C ends the command.
+
+    The topics of a sensor are /NAME/image_raw/compressed (CompressedImage), /angle/NAME (JointState: angle,
+    angle_sigma, angle_rate in rad and rad/s; NaN if unknown) and /slip/NAME (Bool). Two sensors also publish
+    /angle/object and /slip/object. Time stamps are capture times. The angle is that of rig live.
+
+    The messages reach all computers on the network interface that Cyclone DDS selects. Set its environment
+    variable CYCLONEDDS_URI to select another interface.
+
+    Examples:
+      rig bridge ros2 fake
+      rig bridge ros2 D20641 D20642 --domain 7
+      rig bridge ros2 http://127.0.0.1:8080/stream.mjpg --background empty.png
+    """
+    from rig.config.extras import require_extra
+
+    for package in ("cyclonedds", "rosbags"):
+        require_extra(package, "ros2", "the bridge needs")
+    with stopped_by_person() as stopped, ExitStack() as stack:
+        from drivers.realtime import compute_in_one_thread
+        from rig.live.ros2_bridge import Ros2Bridge
+
+        compute_in_one_thread()
+        desk = stack.enter_context(desk_of(source, how, stack))
+        publisher = Ros2Bridge(to.domain, SystemClock())
+        topics = ", ".join(publisher.topics([*desk.sensors]))
+        marked = mark(is_simulated(source.sources))
+        say(f"{marked}publishing in domain {to.domain}: {topics}; press Ctrl-C to end")
+        run_desk(desk, publisher.publish, to.seconds, stopped)
+    say(f"ended: {publisher.published} messages published")

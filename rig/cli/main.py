@@ -10,19 +10,16 @@ import typer
 
 from drivers.errors import OperatorStopError, RigError
 from rig.cli.benchmark import Program, benchmark
-from rig.cli.bridge import bridge
 from rig.cli.calibrate import calibrate
 from rig.cli.common import STOPS, Exit, begin_answer, emit_error, exit_code, say, stop_on_signals
 from rig.cli.compare import compare
 from rig.cli.doctor import doctor
-from rig.cli.estimate import estimate
-from rig.cli.explain import explain
+from rig.cli.estimate import estimate, explain
 from rig.cli.export import export
 from rig.cli.fakes import fakes
 from rig.cli.helping import Commands
 from rig.cli.label_angle import label_angle
-from rig.cli.live import live
-from rig.cli.model import estimators, model
+from rig.cli.live import bridge, live
 from rig.cli.own_files import bench, new, objects
 from rig.cli.play import play
 from rig.cli.record import record
@@ -32,10 +29,9 @@ from rig.cli.results import results
 from rig.cli.segment import label, segment
 from rig.cli.sessions import sessions
 from rig.cli.teach import teach
-from rig.cli.train import train, train_angle, train_turning
+from rig.cli.train import estimators, model, train, train_angle, train_turning
 from rig.cli.trial import trial
-from rig.live.output import Output, guarded_output
-from rig.live.screen import begin_phase, plain
+from rig.terminal.screen import Output, begin_phase, guarded_output, plain
 from rig.version import VERSION
 
 app = Commands(
@@ -121,16 +117,12 @@ def _run(printed: Output) -> None:
         app()
     except SystemExit as end:
         if isinstance(end.code, int) and end.code != 0:
-            emit_error(_framed_text(printed.tail()), "UsageError", end.code)
+            # the text inside the frame in which typer prints a usage error; without a frame the last line
+            tail = printed.tail()
+            framed = [line.strip("│ ") for line in tail.splitlines() if line.startswith("│")]
+            emit_error(" ".join(framed or tail.strip().splitlines()[-1:]), "UsageError", end.code)
         _ignore_stops()
         raise
-
-
-def _framed_text(text: str) -> str:
-    """Return the text inside the frame in which typer prints a usage error; without a frame the last line."""
-    framed = [line.strip("│ ") for line in text.splitlines() if line.startswith("│")]
-    lines = framed or text.strip().splitlines()[-1:]
-    return " ".join(lines)
 
 
 def _end(message: str, kind: str, code: Exit) -> None:

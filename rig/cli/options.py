@@ -50,8 +50,6 @@ ResumeOption = Annotated[
 
 @dataclass(frozen=True, slots=True)
 class BenchOptions:
-    """The bench, its objects, and consent to move it."""
-
     bench: BenchOption = "fake"
     own_objects: ObjectsOption = None
     seed: SeedOption = option(0, stored="seed")
@@ -76,8 +74,6 @@ class BenchOptions:
 
 @dataclass(frozen=True, slots=True)
 class SessionOptions:
-    """The folder of a session, its metadata, and its report."""
-
     out: Path | None = option(None, "Session folder. Default: sessions/<date>_<kind>.")
     resume: ResumeOption = False
     name: str | None = option(None, "Name of the session, one line.")
@@ -96,8 +92,6 @@ class SessionOptions:
 
 @dataclass(frozen=True, slots=True)
 class WatchOptions:
-    """The page in the browser."""
-
     watch: bool = option(False, "Show the progress on a page that only this computer can reach.")
     watch_at: str | None = option(
         None,

@@ -1,18 +1,13 @@
 """`rig bench`, `rig objects`, `rig new`: write files and packages of a lab's own; list the objects."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Literal
 
 import typer
 
 from rig.cli.common import emit_json, say
 from rig.cli.helping import Commands
 from rig.cli.options import BenchOption, JsonOption, ObjectsOption
-
-if TYPE_CHECKING:
-    from rich.table import Table
-
-    from protocols.grasps import GraspFile
 
 bench = Commands(no_args_is_help=True, help="Write a bench file, which describes the devices of a bench.")
 objects = Commands(help="List the objects that can be grasped; write an object file of your own.")
@@ -30,9 +25,7 @@ def new_bench(file: Annotated[Path, typer.Argument(help="File to write, as my_be
 
     Examples:
       rig bench new my_bench.toml
-
       rig doctor --bench my_bench.toml
-
     """
     from rig.config.load import new_bench_file
 
@@ -47,7 +40,6 @@ def udev() -> None:
 
     Examples:
       rig bench udev | sudo tee /etc/udev/rules.d/70-slip-rig.rules
-
     """
     from importlib.resources import files
 
@@ -58,23 +50,13 @@ def udev() -> None:
 def _list_objects(
     context: typer.Context, bench: BenchOption = "fake", own: ObjectsOption = None, json: JsonOption = False
 ) -> None:
-    """List the objects that can be grasped, with the file of each; write an object file of your own.
-
-    Object files of your own are in a folder `objects` beside the bench file, or in the folder of --objects.
-
-    Examples:
-      rig objects
-
-      rig objects --bench my_bench.toml --json
-
-      rig objects new objects/my_box.toml
-
-    """
+    """List the objects; the files of a lab's own are in the folder of --objects."""
     if context.invoked_subcommand is not None:
         return
     from protocols.grasps import load_grasp_files
     from rig.config import load_bench
     from rig.config.objects import objects_folder, read_objects
+    from rig.terminal.tables import console_table, table_console
 
     load_bench(bench)
     folder = objects_folder(bench, own)
@@ -84,34 +66,6 @@ def _list_objects(
         listed = [{**each.model_dump(mode="json"), "from": where} for each, where in found]
         emit_json({"objects": listed})
         return
-    from rig.live.tables import table_console
-
-    table_console(to_stderr=False).print(_table(found))
-
-
-@objects.command("new")
-def new_object(
-    file: Annotated[Path, typer.Argument(help="File to write, as objects/my_box.toml.")],
-) -> None:
-    """Write a template of an object file, in which comments explain every key.
-
-    Fill in the values, or teach the grasp positions at the bench with `rig teach`.
-
-    Examples:
-      rig objects new objects/my_box.toml
-
-    """
-    from rig.config.objects import new_object_file
-
-    new_object_file(file)
-    say(f"fill in the grasp positions, then check the file with: rig objects --objects {file.parent}")
-    print(file)
-
-
-def _table(found: "list[tuple[GraspFile, str]]") -> "Table":
-    from rig.live.tables import console_table
-
-    columns = ("id", "name", "positions", "widths", "surfaces", "turns", "in trials", "from")
     rows = [
         (
             each.id,
@@ -125,7 +79,26 @@ def _table(found: "list[tuple[GraspFile, str]]") -> "Table":
         )
         for each, where in found
     ]
-    return console_table(columns, rows, range(len(columns)), "objects; widths in mm")
+    columns = ("id", "name", "positions", "widths", "surfaces", "turns", "in trials", "from")
+    table_console().print(console_table(columns, rows, range(len(columns)), "objects; widths in mm"))
+
+
+@objects.command("new")
+def new_object(
+    file: Annotated[Path, typer.Argument(help="File to write, as objects/my_box.toml.")],
+) -> None:
+    """Write a template of an object file, in which comments explain every key.
+
+    Fill in the values, or teach the grasp positions at the bench with `rig teach`.
+
+    Examples:
+      rig objects new objects/my_box.toml
+    """
+    from rig.config.objects import new_object_file
+
+    new_object_file(file)
+    say(f"fill in the grasp positions, then check the file with: rig objects --objects {file.parent}")
+    print(file)
 
 
 def new(
@@ -140,9 +113,7 @@ def new(
 
     Examples:
       rig new lab my_lab
-
       rig new lerobot lerobot_camera_my_gel
-
     """
     from rig.config.new_package import write_package
 

@@ -8,18 +8,15 @@ from drivers.errors import InputError, counted
 from rig.cli.common import print_result, report_broken, say
 from rig.cli.options import JsonOption, TopicOption
 from rig.declared import argument, file_place, option
+from rig.terminal.screen import begin_phase
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from rig.frames.estimation import EstimatedSeries
+    from rig.frames.estimates import EstimatedSeries
     from rig.report.film import Filmed
 
 
 @dataclass(frozen=True, slots=True)
 class SourceOptions:
-    """The lift or the frames to show."""
-
     source: Path = argument(
         ..., "Session folder of a trial, or frames of one sensor in any form that rig estimate reads."
     )
@@ -44,8 +41,6 @@ class SourceOptions:
 
 @dataclass(frozen=True, slots=True)
 class FilmOptions:
-    """The film to write."""
-
     out: Path | None = option(
         None,
         "Film to write: .webm, .mp4 (H.264; a .webm if the installed OpenCV cannot encode it), .avi (motion "
@@ -71,19 +66,24 @@ def play(of: SourceOptions, film: FilmOptions, json: JsonOption = False) -> None
 
     Examples:
       rig play sessions/2026-11-21T093000_trial
-
       rig play without --lift toothbrush/1 --beside with_reaction --out caught.webm
-
       rig play sessions/2026-11-21T093000_trial --lift wrench/1 --speed 0.25 --out slow.avi
-
       rig play lift.avi --background first:10 --out turn.webm
-
     """
-    from rig.live.screen import begin_phase
     from rig.report.film import film_place, write_film
+    from rig.sessions.manifest import is_session
     from rig.sessions.recording_file import gaps_text
 
-    name, default, shown = _shown(of)
+    source = of.source
+    if is_session(source):
+        lifts = _lifts(of)
+        name, recording = lifts[0][2].title, Path(lifts[0][2].recording).stem
+        shown, default = lifts, Path(f"{source.resolve().name}_{recording}.webm")
+    elif of.lift is not None or of.beside is not None:
+        raise InputError(f"{source} is not a session: leave --lift and --beside out")
+    else:
+        lifts, shown = [], [_frames(of)]
+        name, default = source.name, Path(f"{source.resolve().stem}_film.webm")
     asked = film.out or default
     place = film_place(asked)
     if place.exists() and of.source.exists() and place.samefile(of.source):
@@ -96,45 +96,29 @@ def play(of: SourceOptions, film: FilmOptions, json: JsonOption = False) -> None
         say(f"note: the installed OpenCV has no H.264 encoder for .mp4: {place} is written instead")
     figures = {"frames": done.frames, "codec": done.codec, "size_px": [width, height]}
     print_result(json, {"film": str(done.path), **figures}, done.path)
-    lifts = [(each[0], each[2]) for each in shown if isinstance(each, tuple)]
-    read = [(folder / lift.recording, lift.curves.gaps) for folder, lift in lifts if lift.curves]
+    read = [(folder / lift.recording, lift.curves.gaps) for folder, _, lift in lifts if lift.curves]
     report_broken([gaps_text(recording, list(gaps)) for recording, gaps in read if gaps])
 
 
-def _shown(of: SourceOptions) -> "tuple[str, Path, Sequence[Filmed | EstimatedSeries]]":
-    """Return the name, the default file, and the lifts or frames of a film. Raises `InputError`."""
-    from rig.sessions.manifest import is_session
-
-    source = of.source
-    if is_session(source):
-        if (of.background, of.rate, of.topic) != (None, None, None):
-            raise InputError(f"{source} is a session: leave --background, --rate and --topic out")
-        lifts = _lifts(source, of.lift, of.beside)
-        recording = Path(lifts[0][2].recording).stem
-        return lifts[0][2].title, Path(f"{source.resolve().name}_{recording}.webm"), lifts
-    if of.lift is not None or of.beside is not None:
-        raise InputError(f"{source} is not a session: leave --lift and --beside out")
-    return source.name, Path(f"{source.resolve().stem}_film.webm"), [_frames(of)]
-
-
-def _lifts(session: Path, lift: str | None, beside: Path | None) -> "list[Filmed]":
+def _lifts(of: SourceOptions) -> "list[Filmed]":
     """Return a lift and, with --beside, the lift of the same object and number of the second session."""
     from rig.report.session import find_lift
     from rig.sessions.manifest import TrialManifest, read_manifest_of
 
-    manifest = read_manifest_of(session, TrialManifest, "only trials have lifts")
-    chosen = find_lift(session, manifest, lift)
-    shown: list[Filmed] = [(session, manifest, chosen)]
-    if beside is not None:
-        other = read_manifest_of(beside, TrialManifest, "only trials have lifts")
-        same = find_lift(beside, other, f"{chosen.object}/{chosen.lift}")
-        shown.append((beside, other, same))
+    if (of.background, of.rate, of.topic) != (None, None, None):
+        raise InputError(f"{of.source} is a session: leave --background, --rate and --topic out")
+    manifest = read_manifest_of(of.source, TrialManifest, "only trials have lifts")
+    chosen = find_lift(of.source, manifest, of.lift)
+    shown: list[Filmed] = [(of.source, manifest, chosen)]
+    if of.beside is not None:
+        other = read_manifest_of(of.beside, TrialManifest, "only trials have lifts")
+        same = find_lift(of.beside, other, f"{chosen.object}/{chosen.lift}")
+        shown.append((of.beside, other, same))
     return shown
 
 
 def _frames(of: SourceOptions) -> "EstimatedSeries":
-    """Estimate frames as `rig estimate` does."""
-    from rig.frames.estimation import Estimation
+    from rig.frames.estimates import Estimation
     from rig.frames.series import read_frames
     from rig.tactile.estimators import choose_estimator
 

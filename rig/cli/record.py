@@ -12,23 +12,20 @@ from drivers.errors import InputError, counted
 from rig.cli.common import mark, print_result, say
 from rig.cli.options import BenchOptions, SessionOptions, WatchOptions
 from rig.cli.report import report_after
-from rig.cli.resuming import agreed, bench_of, continued, may_be_continued
-from rig.cli.watching import Work, dry_run, watched
+from rig.cli.resuming import agreed, bench_of, continued, dry_run, may_be_continued, watched
 from rig.declared import option, resumed
-from rig.live.onlookers import telling
-from rig.live.questions import ask
+from rig.terminal.onlookers import announcing
+from rig.terminal.questions import ask
 
 if TYPE_CHECKING:
-    from rig.config import BenchConfig
     from rig.experiments.record import RecordSettings
-    from rig.sessions.about import Remarks
     from rig.sessions.records import PoseRow
+
+FAULT = attrgetter("fault")
 
 
 @dataclass(frozen=True, slots=True)
 class RecordOptions:
-    """The object, and the number of poses and images."""
-
     object_name: str | None = option(
         None,
         "Object, by id or name. Required, except with --resume.",
@@ -71,29 +68,41 @@ def record(
 
     Examples:
       rig record --object 7 --poses 15
-
       rig record --object mug --poses 15 --images 150 --out sessions/mug
-
       rig record --resume --out sessions/mug
-
       rig record --object 7 --poses 5 --images 50 --randomise --seed 3 --out training/07_3
-
       rig record --object 7 --watch-at 127.0.0.1:8080
-
     """
-    from rig.experiments.record import recording_plan
+    from rig.bench.operators import ConsoleOperator
+    from rig.bench.source import session_bench
+    from rig.experiments.record import recording_plan, run_record
+    from rig.live.feed import LiveFeed
+    from rig.sessions.rows import read_poses
+    from rig.terminal.progress import OneMessage, WorkProgress
 
     remarks = session.remarks()
     folder, settings = _prepare(context, what, bench, session)
     if bench.dry:
         dry_run(settings.bench, recording_plan(settings), session.json)
-    began = time.perf_counter()
-    consent = agreed(context, bench, settings.bench)
-    rows = _record_all(context, folder, settings, remarks, session, watch, consent)
+    began, config = time.perf_counter(), settings.bench
+    simulated, question = mark(config.simulated), f"{recording_plan(settings).text()}\nBegin?"
+    person, message = ConsoleOperator(ask, agreed=agreed(context, bench, config)), OneMessage(_note, FAULT)
+    person.feeder = config.feeder
+    title = f"{simulated}recording on bench '{config.name}', {folder}"
+    with (
+        may_be_continued(folder, session, lambda: say(simulated + _images(read_poses(folder))[1])),
+        watched(context, watch, title, "poses", settings.poses) as listeners,
+        session_bench(config, person, question, variation_seed=settings.variation_seed) as benches,
+        WorkProgress(settings.poses, "poses") as bar,
+    ):
+        progress = announcing(bar.showing(message), _note, FAULT)
+        feed = LiveFeed(listeners)
+        rows = run_record(folder, settings, session.resume, benches, progress, remarks, feed)
     wall_s = round(time.perf_counter() - began, 2)
-    say(f"{mark(settings.bench.simulated)}{_images_text(rows)}, {wall_s:.1f} s")
-    figures = {**_figures(rows), "wall_s": wall_s, "report": report_after(folder, session.no_report)}
-    print_result(session.json, {"session": str(folder), **figures}, folder)
+    figures, text = _images(rows)
+    say(f"{simulated}{text}, {wall_s:.1f} s")
+    about = {"wall_s": wall_s, "report": report_after(folder, session.no_report)}
+    print_result(session.json, {"session": str(folder), **figures, **about}, folder)
 
 
 def _prepare(
@@ -102,6 +111,7 @@ def _prepare(
     """Read the bench and the session to resume; return folder and settings. Raises `InputError`."""
     from protocols.grasps import find_grasp_file, grasp_poses
     from rig.config.objects import with_more
+    from rig.config.parts import require_parts
     from rig.experiments.record import RecordSettings, record_manifest
     from rig.sessions.manifest import RecordManifest
     from rig.sessions.session import require_same
@@ -114,7 +124,15 @@ def _prepare(
     if stored is not None:
         config = with_more(config, stored.config.objects)
         what, bench = resumed(what, stored, context), resumed(bench, stored, context)
-    config = _held_by(what.by, config)
+    if what.by == "arm":
+        require_parts(config, "rig record")
+    elif config.fakes is not None:
+        raise InputError(
+            f"--by hand: the sensors of bench '{config.name}' are simulated over the wire protocols and "
+            "cannot be pressed by hand; use --bench fake, or real sensors"
+        )
+    else:
+        config = config.fingertips_alone()  # so that no other device is used
     if what.object_name is None:
         raise InputError("--object is missing: name the object to grasp")
     grasps = find_grasp_file(what.object_name, config.objects)
@@ -129,71 +147,14 @@ def _prepare(
     return folder, settings
 
 
-def _held_by(by: Literal["arm", "hand"], config: "BenchConfig") -> "BenchConfig":
-    """Return the bench of a recording; for --by hand only its fingertips, so that no other device is used.
-
-    Raises `InputError` if a device is missing for --by arm, or if --by hand is used with sensors that are
-    simulated over the wire protocols.
-    """
-    from rig.config.parts import require_parts
-
-    if by == "arm":
-        require_parts(config, "rig record")
-        return config
-    if config.fakes is not None:
-        raise InputError(
-            f"--by hand: the sensors of bench '{config.name}' are simulated over the wire protocols and "
-            "cannot be pressed by hand; use --bench fake, or real sensors"
-        )
-    return config.fingertips_alone()
-
-
-def _record_all(
-    context: typer.Context,
-    folder: Path,
-    settings: "RecordSettings",
-    remarks: "Remarks",
-    session: SessionOptions,
-    watch: WatchOptions,
-    consent: bool,
-) -> "list[PoseRow]":
-    """Record the poses that are missing; return the rows of all attempts."""
-    from rig.bench.operators import ConsoleOperator
-    from rig.bench.source import session_bench
-    from rig.experiments.record import recording_plan, run_record
-    from rig.live.feed import LiveFeed
-    from rig.live.terminal import OneMessage, WorkProgress
-    from rig.sessions.rows import read_poses
-
-    simulated, config = mark(settings.bench.simulated), settings.bench
-    question = f"{recording_plan(settings).text()}\nBegin?"
-    person, message = ConsoleOperator(ask, agreed=consent), OneMessage(_note, attrgetter("fault"))
-    person.feeder = config.feeder
-    work = Work(f"{simulated}recording on bench '{config.name}', {folder}", "poses", settings.poses)
-    with (
-        may_be_continued(folder, session, lambda: say(simulated + _images_text(read_poses(folder)))),
-        watched(context, work, watch) as listeners,
-        session_bench(config, person, question, variation_seed=settings.variation_seed) as benches,
-        WorkProgress(settings.poses, "poses") as bar,
-    ):
-        progress = telling(bar.showing(message), _note, attrgetter("fault"))
-        return run_record(folder, settings, session.resume, benches, progress, remarks, LiveFeed(listeners))
-
-
-def _figures(rows: "list[PoseRow]") -> dict[str, int]:
-    return {
-        "poses_accepted": sum(row.accepted for row in rows),
-        "images_accepted": sum(len(row.images) for row in rows),
-        "images_rejected": sum(row.rejected_frames for row in rows),
-    }
-
-
-def _images_text(rows: "list[PoseRow]") -> str:
-    figures = _figures(rows)
-    return (
-        f"{counted(figures['images_accepted'], 'image')} in {counted(figures['poses_accepted'], 'pose')}, "
-        f"{counted(figures['images_rejected'], 'frame')} without contact rejected"
+def _images(rows: "list[PoseRow]") -> tuple[dict[str, int], str]:
+    poses, images = sum(row.accepted for row in rows), sum(len(row.images) for row in rows)
+    rejected = sum(row.rejected_frames for row in rows)
+    text = (
+        f"{counted(images, 'image')} in {counted(poses, 'pose')}, "
+        f"{counted(rejected, 'frame')} without contact rejected"
     )
+    return {"poses_accepted": poses, "images_accepted": images, "images_rejected": rejected}, text
 
 
 def _note(row: "PoseRow") -> str:

@@ -1,24 +1,19 @@
 """`rig replay`: estimate the lifts of one or many sessions again, from the stored frames."""
 
 import time
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from drivers.errors import EstimatorError, InputError, counted
 from rig.cli.common import emit_json, mark, report_broken, report_faults, say, trial_jobs
 from rig.cli.options import JsonOption, ResumeOption, SessionOptions
 from rig.cli.results import print_results, trial_table
 from rig.declared import argument, folder_place, option
-
-if TYPE_CHECKING:
-    from rig.experiments.replay import ReplayPlan
+from rig.terminal.progress import WorkProgress
 
 
 @dataclass(frozen=True, slots=True)
 class ReplayOptions:
-    """The sessions, the estimator, and the folder of the results."""
-
     sessions: list[Path] | None = argument(None, "Session folders of trials, or folders that hold them.")
     estimator: str | None = option(
         None, "Estimator. Default: the session's own; if that is your own class, it has to be named here."
@@ -45,15 +40,10 @@ def replay(options: ReplayOptions) -> None:
 
     Examples:
       rig replay sessions/2026-11-21T093000_trial
-
       rig replay sessions/2026-11-21T093000_trial --estimator pca --window 4
-
       rig replay sessions/* --estimator ellipse --jobs 8 --out sessions/ellipse --resume
-
       rig replay --resume
-
       rig replay /data/sessions --engine dask://HOST:PORT --out /data/again
-
     """
     from rig.results.listing import holds_sessions
 
@@ -67,7 +57,6 @@ def replay(options: ReplayOptions) -> None:
 def _replay_one(session: Path, options: ReplayOptions) -> None:
     from rig.experiments.lift_plan import stored_trial
     from rig.experiments.replay import run_replay
-    from rig.live.terminal import WorkProgress
     from rig.results.notes import lift_note
 
     began = time.perf_counter()
@@ -90,62 +79,47 @@ def _replay_one(session: Path, options: ReplayOptions) -> None:
 def _replay_many(options: ReplayOptions) -> None:
     """Replay into one table; continue the one in --out with --resume. Raises `InputError`."""
     from rig.cli.resuming import continued, may_be_continued, named_again
+    from rig.experiments.process_pool import runner
+    from rig.experiments.replay import gather_sessions, plan_replays, replay_manifest, run_replays
+    from rig.results.notes import row_note
+    from rig.results.table import REPLAYS, results_json
+    from rig.sessions.files import RESULTS
     from rig.sessions.manifest import ReplayManifest
+    from rig.sessions.rows import read_rows
 
     session = SessionOptions(out=options.out, resume=options.resume, no_report=True)
     folder, stored = continued(ReplayManifest, "replay", None, session)
+    paths, estimator, window = options.sessions, options.estimator, options.window
     if stored is not None:
-        options = replace(
-            options,
-            sessions=options.sessions or [Path(each) for each in stored.sessions],
-            estimator=named_again(options.estimator, stored.estimator),
-            window=options.window or stored.window,
-        )
-    if not options.sessions:
+        paths = paths or [Path(each) for each in stored.sessions]
+        estimator, window = named_again(estimator, stored.estimator), window or stored.window
+    if not paths:
         raise InputError("no session given: give session folders, or a folder that holds them")
-    with may_be_continued(folder, session, lambda: _print_partial(folder, options.json)):
-        _replay_all(options.sessions, folder, options)
 
+    def print_partial() -> None:
+        print_results(read_rows(folder / RESULTS["replay"], REPLAYS), "session", options.json)
 
-def _replay_all(paths: list[Path], folder: Path, options: ReplayOptions) -> None:
-    from rig.experiments.process_pool import runner
-    from rig.experiments.replay import gather_sessions, plan_replays, replay_manifest, run_replays
-    from rig.live.terminal import WorkProgress
-    from rig.results.notes import row_note
-    from rig.results.table import results_json
-
-    began, estimator, window = time.perf_counter(), options.estimator, options.window
-    run = runner(options.engine, trial_jobs(options.jobs, True, False))
-    folders = [path for path in gather_sessions(paths) if path != folder.resolve()]
-    plan, manifest = plan_replays(folders, estimator, window), replay_manifest(folders, estimator, window)
-    _say_plan(plan, estimator)
-    with WorkProgress(len(plan.tasks), "lifts") as bar:
-        rows = run_replays(folder, plan, manifest, run, options.resume, bar.showing(row_note))
-    wall_s = round(time.perf_counter() - began, 2)
-    print_results(rows, by="session", to_stderr=options.json)
-    say(f"{folder}/results.csv: {counted(len(rows), 'line')}, {wall_s:.1f} s")
-    if options.json:
-        emit_json({"out": str(folder), **results_json(rows), "wall_s": wall_s})
-    report_broken([str(row["problem"]) for row in rows if row["problem"]])
-    if faults := [row["estimator_fault"] for row in rows if row["estimator_fault"]]:
-        raise EstimatorError(f"done, but in {counted(len(faults), 'lift')} {faults[0]}")
-
-
-def _print_partial(folder: Path, json: bool) -> None:
-    """Print the table of the lifts that were replayed before the command ended early."""
-    from rig.results.table import REPLAYS
-    from rig.sessions.files import RESULTS
-    from rig.sessions.rows import read_rows
-
-    print_results(read_rows(folder / RESULTS["replay"], REPLAYS), by="session", to_stderr=json)
-
-
-def _say_plan(plan: "ReplayPlan", estimator: str | None) -> None:
-    sessions = {task.trial.folder: task.trial for task in plan.tasks}
-    simulated = any(trial.manifest.simulated for trial in sessions.values())
-    say(
-        f"{mark(simulated)}{counted(len(plan.tasks), 'lift')} of {counted(len(sessions), 'session')}, "
-        f"estimator {estimator or 'of each session'}"
-    )
-    for path, why in (*plan.left_out, *plan.broken):
-        say(f"left out: {path}: {why.removeprefix(f'{path}: ')}")
+    with may_be_continued(folder, session, print_partial):
+        began = time.perf_counter()
+        run = runner(options.engine, trial_jobs(options.jobs, True, False))
+        folders = [path for path in gather_sessions(paths) if path != folder.resolve()]
+        plan = plan_replays(folders, estimator, window)
+        manifest = replay_manifest(folders, estimator, window)
+        trials = {task.trial.folder: task.trial for task in plan.tasks}
+        simulated = mark(any(trial.manifest.simulated for trial in trials.values()))
+        say(
+            f"{simulated}{counted(len(plan.tasks), 'lift')} of {counted(len(trials), 'session')}, "
+            f"estimator {estimator or 'of each session'}"
+        )
+        for path, why in (*plan.left_out, *plan.broken):
+            say(f"left out: {path}: {why.removeprefix(f'{path}: ')}")
+        with WorkProgress(len(plan.tasks), "lifts") as bar:
+            rows = run_replays(folder, plan, manifest, run, options.resume, bar.showing(row_note))
+        wall_s = round(time.perf_counter() - began, 2)
+        print_results(rows, "session", options.json)
+        say(f"{folder}/results.csv: {counted(len(rows), 'line')}, {wall_s:.1f} s")
+        if options.json:
+            emit_json({"out": str(folder), **results_json(rows), "wall_s": wall_s})
+        report_broken([str(row["problem"]) for row in rows if row["problem"]])
+        if faults := [row["estimator_fault"] for row in rows if row["estimator_fault"]]:
+            raise EstimatorError(f"done, but in {counted(len(faults), 'lift')} {faults[0]}")

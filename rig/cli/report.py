@@ -6,8 +6,8 @@ from pathlib import Path
 from rig.cli.common import print_result, say
 from rig.cli.options import JsonOption
 from rig.declared import argument, file_place, folder_place, option
-from rig.live.onlookers import report_written
-from rig.live.screen import begin_phase
+from rig.terminal.onlookers import report_written
+from rig.terminal.screen import begin_phase
 
 
 def report_after(folder: Path, unwanted: bool) -> str | None:
@@ -32,8 +32,6 @@ def report_after(folder: Path, unwanted: bool) -> str | None:
 
 @dataclass(frozen=True, slots=True)
 class ReportOptions:
-    """The sources of a report, and its files."""
-
     sources: list[Path] = argument(
         ..., "Session folder of a trial or recording; or CSV files of lifts, or a folder of such files."
     )
@@ -68,19 +66,12 @@ def report(options: ReportOptions) -> None:
 
     Examples:
       rig report sessions/2026-11-21T093000_trial
-
       rig report sessions/old_trial --out trial.html
-
       rig report with_reaction --beside without
-
       rig report old_lifts/ --out old_lifts.html
-
       rig report wrench.csv knife.csv --json
-
       rig report sessions/old_trial --picture trial.png
-
       rig report sessions/old_trial --figures paper/figures
-
     """
     from rig.report.write import picture_of, require_picture, write_report
 

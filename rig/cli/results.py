@@ -31,9 +31,7 @@ def results(
 
     Examples:
       rig results sessions/ellipse
-
       rig results sessions/ellipse/results.csv --by session --json
-
     """
     from rig.results.table import read_results, results_json
 
@@ -45,18 +43,27 @@ def results(
 
 def print_results(rows: "list[Line]", by: By, to_stderr: bool) -> None:
     """Print the summary of a table's rows by object or by session, then the broken sessions."""
-    from rig.live.tables import table_console
+    from rig.results.metrics import HEADING, mare_text
     from rig.results.table import by_reaction, measured, summarize_table
+    from rig.terminal.tables import console_table, table_console
 
     console = table_console(to_stderr)
     good = [row for row in rows if measured(row)]
     if by == "object" and good:
         for react, own in by_reaction(good).items():
-            console.print(
-                object_table(summarize_table(own), mark(any(row["simulated"] for row in own)), react)
-            )
+            simulated = mark(any(row["simulated"] for row in own))
+            console.print(object_table(summarize_table(own), simulated, react))
     elif good:
-        console.print(_session_table(good))
+        columns = ("session", "estimator", "reaction", "lifts", "phase B", "phases B and C", "answered")
+        lines = []
+        for session in dict.fromkeys(str(row["session"]) for row in good):
+            own = [row for row in good if row["session"] == session]
+            summary, estimators = summarize_table(own), {str(row["estimator"]) for row in own}
+            figures = mare_text(summary.mare_b), mare_text(summary.mare), f"{summary.answered:.1%}"
+            about = Path(session).name, ", ".join(estimators), ", ".join(by_reaction(own))
+            lines.append((*about, str(len(own)), *figures))
+        title = f"{mark(any(row['simulated'] for row in good))}MARE per session, degrees: {HEADING}"
+        console.print(console_table(columns, lines, range(3), title))
     estimators = ", ".join(sorted({str(row["estimator"]) for row in good})) or "none"
     asked = [bool(row["identical"]) for row in good if row["identical"] is not None]
     same = f"; {sum(asked)} of {counted(len(asked), 'lift')} exactly as stored" if asked else ""
@@ -73,9 +80,9 @@ def trial_table(summary: "TrialSummary", simulated: str, wall_s: float, to_stder
 
     simulated: prefix of printed results, as of `mark`. wall_s: run time.
     """
-    from rig.live.tables import table_console
     from rig.results.metrics import mare_text
     from rig.results.notes import reaction_text, turn_distribution
+    from rig.terminal.tables import table_console
 
     console = table_console(to_stderr)
     console.print(object_table(summary, simulated, summary.reacting.kind if summary.reacting else "none"))
@@ -94,8 +101,8 @@ def object_table(summary: "TrialSummary", simulated: str, react: str = "none") -
 
     simulated: prefix of the title, as of `mark`. react: name of the reaction to slip.
     """
-    from rig.live.tables import console_table
     from rig.results.metrics import HEADING, mare_text
+    from rig.terminal.tables import console_table
 
     reacting = "" if react == "none" else f"; reaction to slip: {react}"
     title = f"{simulated}rotational error per object, degrees: {HEADING}{reacting}"
@@ -117,20 +124,3 @@ def object_table(summary: "TrialSummary", simulated: str, react: str = "none") -
     figures = mare_text(summary.mare_b), mare_text(summary.mare), f"{summary.answered:.1%}"
     table.add_row("all", str(summary.lifts_accepted), "", "", *figures)
     return table
-
-
-def _session_table(rows: "list[Line]") -> "Table":
-    from rig.live.tables import console_table
-    from rig.results.metrics import HEADING, mare_text
-    from rig.results.table import by_reaction, summarize_table
-
-    columns = ("session", "estimator", "reaction", "lifts", "phase B", "phases B and C", "answered")
-    lines = []
-    for session in dict.fromkeys(str(row["session"]) for row in rows):
-        own = [row for row in rows if row["session"] == session]
-        summary, estimators = summarize_table(own), {str(row["estimator"]) for row in own}
-        figures = mare_text(summary.mare_b), mare_text(summary.mare), f"{summary.answered:.1%}"
-        about = Path(session).name, ", ".join(estimators), ", ".join(by_reaction(own))
-        lines.append((*about, str(len(own)), *figures))
-    title = f"{mark(any(row['simulated'] for row in rows))}MARE per session, degrees: {HEADING}"
-    return console_table(columns, lines, range(3), title)

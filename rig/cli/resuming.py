@@ -1,22 +1,27 @@
-"""Resume a session with its stored options; print the command for it if a session ends early."""
+"""What trials and recordings share: resuming with the stored options, the watch page, and --dry-run."""
 
 import shlex
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 import typer
 
 from drivers.errors import DeviceError, InputError, OperatorStopError, RecordingError, counted
-from rig.cli.common import say
-from rig.cli.options import BenchOptions, SessionOptions
+from rig.cli.common import Exit, print_result, say
+from rig.cli.options import BenchOptions, SessionOptions, WatchOptions
 from rig.cli.report import report_after
 from rig.declared import is_given
+from rig.terminal.onlookers import observed_by, report_to
+from rig.terminal.screen import begin_phase
 
 if TYPE_CHECKING:
+    from rig.bench.plan import Plan
     from rig.config import BenchConfig
+    from rig.live.feed import Listener
     from rig.sessions.manifest import Manifest
 
 Wanted = TypeVar("Wanted", bound="Manifest")
@@ -27,36 +32,21 @@ def bench_of(
 ) -> "BenchConfig":
     """Return the bench on the command line; for --resume with --out but without --bench the stored one.
 
-    command: key of `rig.config.parts.NEEDS`. Raises `InputError` if a device that it needs is missing, or if
-    the stored copy cannot be used.
+    command: key of `rig.config.parts.NEEDS`. Raises `InputError` if a device that it needs is missing, and if
+    the stored copy is contradictory, lacks a password, or has a class of the user's own: such a class runs
+    code, so the operator must name the bench file on the command line.
     """
+    from rig.config.load import require_consistent
     from rig.config.objects import with_objects
     from rig.config.parts import require_parts
     from rig.sessions.manifest import BenchManifest, is_session, read_manifest
 
-    folder = session.out if session.resume else None
-    if folder is None or is_given(context, "bench") or not is_session(folder):
+    folder = session.out if session.resume and not is_given(context, "bench") else None
+    manifest = None if folder is None or not is_session(folder) else read_manifest(folder)
+    if folder is None or not isinstance(manifest, BenchManifest):
         return bench.config(command)
-    manifest = read_manifest(folder)
-    if not isinstance(manifest, BenchManifest):
-        return bench.config(command)
-    config = _stored_bench(folder, manifest.config)
-    require_parts(config, command)
-    if bench.own_objects is None:
-        return config
-    return with_objects(config, bench.bench, bench.own_objects)
-
-
-def _stored_bench(folder: Path, config: "BenchConfig") -> "BenchConfig":
-    """Return the bench stored in a session.
-
-    Raises `InputError` if it is contradictory, lacks a password, or has a class of the user's own: such a
-    class runs code, so the operator must name the bench file on the command line.
-    """
-    from rig.config.load import require_consistent
-
+    config, why = manifest.config, ""
     require_consistent(config, str(folder / "session.json"))
-    why = ""
     if config.own_drivers:
         why = f"it names {', '.join(sorted(config.own_drivers))}, which runs only if you name the bench file"
     elif "***" in config.model_dump_json(include={"arm", "gripper", "tactile", "camera"}):
@@ -65,8 +55,9 @@ def _stored_bench(folder: Path, config: "BenchConfig") -> "BenchConfig":
         raise InputError(
             f"{folder}: the stored bench '{config.name}' cannot be used: {why}: add --bench FILE"
         )
-    print(f"bench '{config.name}' as stored in {folder}", file=sys.stderr, flush=True)
-    return config
+    say(f"bench '{config.name}' as stored in {folder}")
+    require_parts(config, command)
+    return config if bench.own_objects is None else with_objects(config, bench.bench, bench.own_objects)
 
 
 def agreed(context: typer.Context, bench: BenchOptions, config: "BenchConfig") -> bool:
@@ -151,3 +142,51 @@ def _holds_results(folder: Path) -> bool:
     from rig.sessions.files import RESULTS
 
     return any((folder / name).is_file() for name in RESULTS.values())
+
+
+@contextmanager
+def watched(
+    context: typer.Context, options: WatchOptions, title: str, what: str, total: int, done: int = 0
+) -> "Iterator[tuple[Listener, ...]]":
+    """Serve the page if an option asks for it; yield the listeners of lifts and poses.
+
+    title, what, total, done: see `rig.live.state.Progress`. The page is served until the command ends; it
+    then shows the report. Raises `InputError`.
+    """
+    if not options.watch and options.watch_at is None:
+        yield ()
+        return
+    from rig.live.watch import WatchPage, watch_address
+
+    page = WatchPage(watch_address(options.watch_at), title, what, done, total)
+    context.call_on_close(page.close)
+    context.call_on_close(report_to(page.show_report))
+    with observed_by(page.show_event):
+        say(f"watch page: {page.address}")
+        yield (page.listener,)
+
+
+def dry_run(config: "BenchConfig", plan: "Plan", json: bool) -> None:
+    """Read every device of the bench and print the readings and the plan.
+
+    Always raises `typer.Exit`: with 1 if a device cannot be read, else with 2 if a step of the plan would be
+    refused, else with 0.
+    """
+    from rig.bench.source import read_devices, unconnected_bench
+
+    begin_phase("reading the devices")
+    with unconnected_bench(config) as bench:
+        readings = read_devices(bench)
+    silent = [reading for reading in readings if reading.problem]
+    figures = {
+        "dry_run": True,
+        "bench": config.name,
+        "simulated": config.simulated,
+        "devices": [asdict(reading) for reading in readings],
+        "plan": list(plan.lines),
+        "refused": list(plan.refused),
+    }
+    read = [f"  {reading.problem or f'{reading.device}: {reading.seen}'}" for reading in readings]
+    print_result(json, figures, "Devices (only read):", *read, plan.text())
+    say("dry run: nothing was moved or stored")
+    raise typer.Exit(Exit.FAULT if silent else Exit.USAGE if plan.refused else Exit.DONE)

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -12,8 +12,7 @@ from rig.cli.options import JsonOption
 from rig.declared import folder_place, option
 
 if TYPE_CHECKING:
-    from rig.frames.masks import ImageGroup, SegmentChoice, SegmentedImage
-    from rig.labels.label_files import LabelFile
+    from rig.frames.masks import ImageGroup, SegmentChoice
 
 ImagesArgument = Annotated[
     list[Path], typer.Argument(help="Images, folders of images, or sessions of rig record.")
@@ -36,8 +35,6 @@ MarginOption = Annotated[
 
 @dataclass(frozen=True, slots=True)
 class SegmentOptions:
-    """The images, the network, and the folder for the masks."""
-
     images: ImagesArgument
     out: Path = option(..., "Folder for the masks.", callback=folder_place)
     background: BackgroundOption = None
@@ -49,8 +46,6 @@ class SegmentOptions:
 
 @dataclass(frozen=True, slots=True)
 class LabelOptions:
-    """The images, the source of the proposals, and the folder for the labels."""
-
     images: ImagesArgument
     out: Path = option(..., "Folder for labels, masks/ and coco.json.", callback=folder_place)
     background: BackgroundOption = None
@@ -72,17 +67,22 @@ def segment(options: SegmentOptions) -> None:
 
     Examples:
       rig segment frames/ --out masks
-
       rig segment a.png b.png --background empty.png --out masks --margin -0.01
-
       rig segment sessions/mug --model pspnet --out masks --json
-
     """
+    from drivers.images import encode_png
     from rig.frames.masks import SegmentChoice, mask_figures, segment_groups
+    from rig.sessions.files import write_file
 
     choice = SegmentChoice(options.model, options.margin, options.threads)
     groups, names = _images(options, choice, options.out, ".png")
-    rows = [_write_mask(names[done.file], done) for done in segment_groups(groups, choice)]
+    rows = []
+    for done in segment_groups(groups, choice):
+        if done.image is not None:
+            write_file(names[done.file], encode_png(done.mask))
+        if done.state in ("black", "saturated", "unreadable"):
+            say(f"warning: {done.file}: {done.state}")
+        rows.append(done.as_json(None if done.image is None else names[done.file]))
     states, median_ms = mask_figures(rows)
     if list(states) == ["unreadable"]:
         raise InputError(f"{options.images[0]}: none of the images can be read; copy them again")
@@ -103,15 +103,20 @@ def label(options: LabelOptions) -> None:
 
     Examples:
       rig label frames/ --background empty.png --out labels
-
       rig label sessions/mug --out labels --json
-
     """
-    from rig.frames.masks import SegmentChoice
-    from rig.labels.label_files import COCO, MASKS, export_coco, export_masks
+    from rig.frames.masks import SegmentChoice, segment_groups
+    from rig.labels.label_files import COCO, MASKS, export_coco, export_masks, propose
 
     out, model = options.out, options.model
-    files = _proposals(options, SegmentChoice(model, options.margin), out / MASKS)
+    choice, files = SegmentChoice(model, options.margin), []
+    groups, names = _images(options, choice, out / MASKS, ".json")
+    for done in segment_groups(groups, choice):
+        if done.image is None:
+            say(f"warning: {done.file}: unreadable, no label")
+        else:
+            origin = f"proposed by rig label, {model}; not yet looked at by a person"
+            files.append(propose(done.file, done.mask, names[done.file], origin))
     masks = list(export_masks(files, out / MASKS))
     proposed = sum(file.proposed for file in files)
     kept = len(files) - proposed
@@ -137,31 +142,3 @@ def _images(
     for note in dict.fromkeys(group.note for group in groups):
         say(note)
     return groups, names
-
-
-def _write_mask(path: Path, done: "SegmentedImage") -> dict[str, Any]:
-    """Write the mask of an image unless it is unreadable; return its row for the JSON output."""
-    from drivers.images import encode_png
-    from rig.sessions.files import write_file
-
-    if done.image is not None:
-        write_file(path, encode_png(done.mask))
-    if done.state in ("black", "saturated", "unreadable"):
-        say(f"warning: {done.file}: {done.state}")
-    return done.as_json(None if done.image is None else path)
-
-
-def _proposals(options: LabelOptions, choice: "SegmentChoice", masks: Path) -> "list[LabelFile]":
-    """Write the missing label files; return all label files. masks: folder to create."""
-    from rig.frames.masks import segment_groups
-    from rig.labels.label_files import propose
-
-    groups, names = _images(options, choice, masks, ".json")
-    origin = f"proposed by rig label, {choice.model}; not yet looked at by a person"
-    files = []
-    for done in segment_groups(groups, choice):
-        if done.image is None:
-            say(f"warning: {done.file}: unreadable, no label")
-        else:
-            files.append(propose(done.file, done.mask, names[done.file], origin))
-    return files

@@ -12,11 +12,9 @@ from drivers.progress import steps
 from rig.cli.common import emit_json, say
 from rig.cli.options import JsonOption
 from rig.declared import argument, file_place, option
-from rig.live.screen import begin_phase, end_phase
+from rig.terminal.screen import begin_phase, end_phase
 
 if TYPE_CHECKING:
-    from rich.table import Table
-
     from rig.results.listing import SessionEntry
 
 MB = 1e6
@@ -34,8 +32,6 @@ Sort = Literal["folder", "date", "name", "mare", "done", "size"]
 
 @dataclass(frozen=True, slots=True)
 class ListOptions:
-    """The sessions to list, their order, and the page to write."""
-
     folder: Path = argument(Path("sessions"), "Session folder, or folder with sessions at any depth.")
     tags: list[str] | None = option(
         None, "Only sessions with this tag; if repeated, with all of these tags.", "--tag"
@@ -66,18 +62,31 @@ def sessions(options: ListOptions) -> None:
 
     Examples:
       rig sessions
-
       rig sessions /data/2026 --tag gel-7 --object t1 --sort date --json
-
       rig sessions --check
-
       rig sessions /data/2026 --page sessions.html
-
     """
+    from rig.terminal.tables import console_table, table_console
+
     entries, folder = _selected(options), options.folder
-    _print(options, entries)
+    console, columns = table_console(to_stderr=options.json), _columns(entries)
+    if entries:
+        left = [i for i, name in enumerate(columns) if name not in ("done", "MB")]
+        about = "MARE over phases B and C, degrees; contact: median area by fingertip, px"
+        rows = list(zip(*columns.values(), strict=True))
+        console.print(console_table(list(columns), rows, left, f"sessions in {folder}; {about}"))
+    else:
+        such = "such " if options.tags or options.objects else ""
+        console.print(f"{folder}: no {such}session here")
+    for entry in entries:
+        if entry.problem:
+            console.print(f"broken: {entry.problem}", highlight=False, soft_wrap=True)
     if options.page:
-        _write_page(options.page, options, entries)
+        begin_phase("writing the page")
+        from rig.report.sessions_page import write_sessions
+
+        write_sessions(options.page, folder, entries, columns)
+        say(f"page: {options.page}")
     if options.json:
         listed = {"folder": str(folder), "sessions": [entry.as_json() for entry in entries]}
         emit_json({**listed, **({"page": str(options.page)} if options.page else {})})
@@ -86,21 +95,6 @@ def sessions(options: ListOptions) -> None:
         raise SessionError(
             f"{folder}: {broken} of {counted(len(entries), 'session')} broken; see the messages above"
         )
-
-
-def _print(options: ListOptions, entries: "list[SessionEntry]") -> None:
-    """Print the table and the problems of broken sessions."""
-    from rig.live.tables import table_console
-
-    console = table_console(to_stderr=options.json)
-    if entries:
-        console.print(_table(options.folder, entries))
-    else:
-        such = "such " if options.tags or options.objects else ""
-        console.print(f"{options.folder}: no {such}session here")
-    for entry in entries:
-        if entry.problem:
-            console.print(f"broken: {entry.problem}", highlight=False, soft_wrap=True)
 
 
 def _selected(options: ListOptions) -> "list[SessionEntry]":
@@ -145,14 +139,6 @@ def _listed(folder: Path, check: bool | None) -> "list[SessionEntry]":
     return sorted((entry for _, entries in listed for entry in entries), key=lambda entry: entry.folder)
 
 
-def _write_page(page: Path, options: ListOptions, entries: "list[SessionEntry]") -> None:
-    begin_phase("writing the page")
-    from rig.report.sessions_page import write_sessions
-
-    write_sessions(page, options.folder, entries, _columns(entries))
-    say(f"page: {page}")
-
-
 _IF_ANY = ("name", "tags", "operator", "reaction", "contact")
 """Columns that are left out if no session has a value."""
 
@@ -179,12 +165,3 @@ def _columns(entries: "list[SessionEntry]") -> dict[str, list[str]]:
     }
     found = {name: [text(entry) for entry in entries] for name, text in columns.items()}
     return {name: texts for name, texts in found.items() if any(texts) or name not in _IF_ANY}
-
-
-def _table(folder: Path, entries: "list[SessionEntry]") -> "Table":
-    from rig.live.tables import console_table
-
-    columns = _columns(entries)
-    left = [i for i, name in enumerate(columns) if name not in ("done", "MB")]
-    title = f"sessions in {folder}; MARE over phases B and C, degrees; contact: median area by fingertip, px"
-    return console_table(list(columns), list(map(list, zip(*columns.values(), strict=True))), left, title)

@@ -1,26 +1,20 @@
 """`rig teach`: teach the grasp positions of an object at the bench, instead of typing them."""
 
 from dataclasses import dataclass
-from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import typer
 
 from rig.cli.common import Exit, mark, print_result, say
 from rig.cli.options import BenchOptions, JsonOption
-from rig.cli.watching import dry_run
+from rig.cli.resuming import dry_run
 from rig.declared import argument, option
-from rig.live.questions import ask, press, waited
-from rig.live.screen import begin_phase
-
-if TYPE_CHECKING:
-    from rig.calibrate.teaching import Lesson, TaughtPosition
+from rig.terminal.questions import ask, press, waited
+from rig.terminal.screen import begin_phase
 
 
 @dataclass(frozen=True, slots=True)
 class TeachOptions:
-    """The object, its positions, and the way the arm is moved."""
-
     name: str = argument(..., "Object of your own, by id or name.", metavar="OBJECT")
     positions: list[str] | None = option(
         None,
@@ -51,61 +45,41 @@ def teach(what: TeachOptions, bench: BenchOptions, json: JsonOption = False) -> 
 
     Examples:
       rig objects new objects/my_box.toml
-
       rig teach my_box --bench my_bench.toml --dry-run
-
       rig teach my_box --bench my_bench.toml
-
       rig teach my_box --bench my_bench.toml --by keys --position left --lift-height 0.05
-
     """
-    from rig.calibrate.teaching import Lesson
-    from rig.config.objects import own_object
+    from drivers.errors import OperatorStopError
+    from drivers.formats import write_whole
+    from rig.bench.operators import ConsoleOperator
+    from rig.calibrate import teaching
+    from rig.config.objects import own_object, with_position
 
     config = bench.config("rig teach")
     file, grasps = own_object(what.name, bench.bench, bench.own_objects)
     places = tuple(dict.fromkeys(what.positions or [place.name for place in grasps.position]))
     say(f"{mark(config.simulated)}bench '{config.name}', object {grasps.id} {grasps.name}, file {file}")
-    lesson = Lesson(config, grasps, places, what.by == "hand", what.timeout, what.lift_height)
-    _teach(file, lesson, bench, json)
-
-
-def _teach(file: Path, lesson: "Lesson", bench: BenchOptions, json: bool) -> None:
-    """Teach the positions and write them. Raises `typer.Exit` if one of them was not written."""
-    from rig.bench.operators import ConsoleOperator
-    from rig.calibrate.teaching import teach, teaching_plan
-
+    lesson = teaching.Lesson(config, grasps, places, what.by == "hand", what.timeout, what.lift_height)
     if bench.dry:
-        dry_run(lesson.config, teaching_plan(lesson), json)
+        dry_run(config, teaching.teaching_plan(lesson), json)
     person = ConsoleOperator(ask, agreed=bench.yes, wait=waited, press=press)
     begin_phase("preparing the bench")
-    found = teach(lesson, person, say, bench.seed)
-    written = _written(file, found, bench.yes)
+    found = teaching.teach(lesson, person, say, bench.seed)
+    good = [each for each in found if not each.problems]
+    if good:
+        if not bench.yes and not ask(f"Write {', '.join(each.name for each in good)} into {file}?"):
+            raise OperatorStopError(f"stopped: {file} was not changed")
+        text = file.read_text(encoding="utf-8")
+        for each in good:
+            text, _ = with_position(text, each.name, each.values, str(file))
+        write_whole(file, text.encode())
     figures = {
         "file": str(file),
-        "simulated": lesson.config.simulated,
-        "written": [each.name for each in written],
+        "simulated": config.simulated,
+        "written": [each.name for each in good],
         "positions": [{"name": f.name, **f.values, "problems": list(f.problems)} for f in found],
     }
     print_result(json, figures, file)
-    if len(written) < len(found):
-        say(f"rig: {len(found) - len(written)} of {len(found)} positions were not written; teach them again")
+    if len(good) < len(found):
+        say(f"rig: {len(found) - len(good)} of {len(found)} positions were not written; teach them again")
         raise typer.Exit(Exit.USAGE)
-
-
-def _written(file: Path, found: "list[TaughtPosition]", agreed: bool) -> "list[TaughtPosition]":
-    """Write and return the positions without problems. Raises `OperatorStopError` if declined."""
-    from drivers.errors import OperatorStopError
-    from drivers.formats import write_whole
-    from rig.config.objects import with_position
-
-    good = [each for each in found if not each.problems]
-    if not good:
-        return []
-    if not agreed and not ask(f"Write {', '.join(each.name for each in good)} into {file}?"):
-        raise OperatorStopError(f"stopped: {file} was not changed")
-    text = file.read_text(encoding="utf-8")
-    for each in good:
-        text, _ = with_position(text, each.name, each.values, str(file))
-    write_whole(file, text.encode())
-    return good

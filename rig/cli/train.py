@@ -1,23 +1,23 @@
-"""`rig train`, `rig train-angle`, `rig train-turning`: train networks (extra `train`)."""
+"""`rig train`, `train-angle`, `train-turning`, `model`, `estimators`: networks and estimators."""
 
+import re
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from drivers.errors import InputError, unknown_name
 from rig.cli.common import emit_json, print_result, say
+from rig.cli.helping import Commands
 from rig.cli.options import JsonOption, SeedOption
-from rig.declared import argument, folder_place, option
-
-if TYPE_CHECKING:
-    from rig.training.run import TrainSettings
+from rig.declared import argument, file_place, folder_place, option
+from rig.terminal.progress import training_view
 
 EPOCHS, PAPER_EPOCHS = 10, 30
 
 
 @dataclass(frozen=True, slots=True)
 class TrainOptions:
-    """The images for training and test, and the folder for the results."""
-
     out: Path = option(
         ..., "Folder for checkpoints, ONNX files and cards (their metadata).", callback=folder_place
     )
@@ -48,8 +48,6 @@ class TrainOptions:
 
 @dataclass(frozen=True, slots=True)
 class NetworkOptions:
-    """The networks, and the settings of their training."""
-
     arch: list[str] | None = option(
         None, "Network: ours, pspnet, deeplabv3plus or unetplusplus; repeat for more. Default: ours."
     )
@@ -64,8 +62,6 @@ class NetworkOptions:
 
 @dataclass(frozen=True, slots=True)
 class AngleOptions:
-    """The network, and the lifts to train it on."""
-
     network: str = argument(
         ..., "Network: anglenet (angle from one image) or toskov (angle from the wrench at the wrist)."
     )
@@ -85,8 +81,6 @@ class AngleOptions:
 
 @dataclass(frozen=True, slots=True)
 class TurningOptions:
-    """The simulated training data, and the number of epochs."""
-
     faces: int = option(2600, "Number of SIMULATED object faces to train on, with six images each.", min=2)
     epochs: int = option(8, "Training epochs.", min=1)
     look: Path | None = option(
@@ -97,8 +91,6 @@ class TurningOptions:
 
 @dataclass(frozen=True, slots=True)
 class RunOptions:
-    """The folder for one network, and settings of its training."""
-
     out: Path = option(
         ..., "Empty folder for the ONNX file and its card (its metadata).", callback=folder_place
     )
@@ -107,7 +99,6 @@ class RunOptions:
     json: JsonOption = False
 
     def finish(self, card: dict[str, Any], summary: str) -> None:
-        """Print the summary and the path of the trained network."""
         say(summary)
         print_result(self.json, {"out": str(self.out), **card}, self.out / "model.onnx")
 
@@ -121,33 +112,18 @@ def train(options: TrainOptions, networks: NetworkOptions) -> None:
 
     Examples:
       rig train --arch ours --images 9000 --epochs 10 --out runs/ours
-
       rig train --arch pspnet --fold D_s3 --data VISTASE --out runs/vistase --resume
-
       rig train --all --units family --out runs/table2 --resume
-
     """
     require_training()
-    from rig.live.terminal import TrainingView
-    from rig.training.run import train_all
-
-    settings, data = _settings(options, networks), options.data
-    say(f"{'SIMULATED frames' if data == 'simulated' else data}, seed {options.seed}, into {options.out}")
-    with TrainingView() as view:
-        cards = train_all(options.out, settings, options.resume, view)
-    _print(cards, options.json)
-    if options.json:
-        emit_json({"out": str(options.out), "models": cards})
-
-
-def _settings(options: TrainOptions, networks: NetworkOptions) -> "TrainSettings":
     from rig.labels.datasets import FOLDS, find_fold
+    from rig.terminal.tables import console_table, table_console
     from rig.training.networks import ARCHITECTURES, find_architecture
-    from rig.training.run import TrainSettings, checked_units
+    from rig.training.run import TrainSettings, checked_units, train_all
 
-    architectures = ARCHITECTURES if options.everything else networks.arch or ["ours"]
-    return TrainSettings(
-        data=options.data,
+    data, architectures = options.data, ARCHITECTURES if options.everything else networks.arch or ["ours"]
+    settings = TrainSettings(
+        data=data,
         architectures=tuple(map(find_architecture, architectures)),
         folds=tuple(map(find_fold, FOLDS if options.everything else options.fold or ["D_s3"])),
         encoder=networks.encoder,
@@ -159,6 +135,21 @@ def _settings(options: TrainOptions, networks: NetworkOptions) -> "TrainSettings
         threads=networks.threads,
         units=checked_units(options.units),
     )
+    say(f"{'SIMULATED frames' if data == 'simulated' else data}, seed {options.seed}, into {options.out}")
+    with training_view() as view:
+        cards = train_all(options.out, settings, options.resume, view)
+    rows = []
+    for card in cards:
+        test, int8 = card["test"], card["files"]["int8"]
+        scores = [f"{test[name]:.3f} ± {test[f'{name}_std']:.3f}" for name in ("dice", "iou")]
+        figures = *scores, f"{card['ms_per_frame']:.2f}", f"{int8['dice']:.3f}"
+        rows.append((card["title"], card["fold"]["name"], *figures, card["settings"]))
+    columns = ("network", "fold", "Dice", "IoU", "ms per frame", "int8 Dice", "settings")
+    simulated = "SIMULATED objects" if all(card["simulated"] for card in cards) else "objects"
+    title = f"Test on {simulated} that are not in the training data, mean ± standard deviation"
+    table_console(options.json).print(console_table(columns, rows, range(len(columns)), title))
+    if options.json:
+        emit_json({"out": str(options.out), "models": cards})
 
 
 def train_angle(options: AngleOptions, run: RunOptions) -> None:
@@ -169,15 +160,10 @@ def train_angle(options: AngleOptions, run: RunOptions) -> None:
 
     Examples:
       rig train-angle toskov --out runs/toskov
-
       rig train-angle anglenet --data sessions/others --data sessions/trial --out runs/anglenet
-
       rig train-angle anglenet --data trials/session --on-test-lifts --out runs/anglenet-on-test
-
     """
     require_training()
-    from drivers.errors import unknown_name
-    from rig.live.terminal import TrainingView
     from rig.training.angles import EPOCHS, LIFTS, AngleSettings, train_angles
 
     name, sessions = options.network, tuple(options.data or ())
@@ -186,7 +172,7 @@ def train_angle(options: AngleOptions, run: RunOptions) -> None:
     lifts, epochs = options.lifts or LIFTS[name], options.epochs or EPOCHS[name]
     settings = AngleSettings(name, sessions, lifts, epochs, run.seed, options.on_test_lifts, run.threads)
     say(f"{name} from {', '.join(map(str, sessions)) or 'SIMULATED lifts'}, seed {run.seed}, into {run.out}")
-    with TrainingView() as view:
+    with training_view() as view:
         card = train_angles(run.out, settings, view)
     test, simulated = card["test"], "SIMULATED: " if card["simulated"] else ""
     scored = "the lifts it was trained on" if options.on_test_lifts else "objects it was not trained on"
@@ -207,18 +193,14 @@ def train_turning(options: TurningOptions, run: RunOptions) -> None:
 
     Examples:
       rig train-turning --out runs/turning
-
       rig train-turning --faces 200 --epochs 2 --out runs/quick
-
       rig train-turning --faces 16600 --epochs 22 --out runs/as-shipped
-
     """
     require_training()
-    from rig.live.terminal import TrainingView
     from rig.training.turning_net import train_turning
 
     say(f"turning from {options.faces} SIMULATED faces, seed {run.seed}, into {run.out}")
-    with TrainingView() as view:
+    with training_view() as view:
         card = train_turning(
             run.out, options.faces, options.epochs, run.seed, run.threads, view, options.look
         )
@@ -228,10 +210,6 @@ def train_turning(options: TurningOptions, run: RunOptions) -> None:
 
 def require_training() -> None:
     """Raise `InputError` with the command to install the extra `train` if a package of it is missing."""
-    from importlib.util import find_spec
-
-    from drivers.errors import InputError
-
     needed = ("torch", "segmentation_models_pytorch", "onnx", "onnxscript")
     if missing := [name for name in needed if find_spec(name) is None]:
         raise InputError(
@@ -240,18 +218,103 @@ def require_training() -> None:
         )
 
 
-def _print(cards: list[dict[str, Any]], to_stderr: bool) -> None:
-    from rig.live.tables import console_table, table_console
-
-    columns = ("network", "fold", "Dice", "IoU", "ms per frame", "int8 Dice", "settings")
-    simulated = "SIMULATED objects" if all(card["simulated"] for card in cards) else "objects"
-    title = f"Test on {simulated} that are not in the training data, mean ± standard deviation"
-    table = console_table(columns, map(_cells, cards), range(len(columns)), title)
-    table_console(to_stderr).print(table)
+model = Commands(no_args_is_help=True, help="List the networks of the rig; import a checkpoint of your own.")
 
 
-def _cells(card: dict[str, Any]) -> list[str]:
-    test, int8 = card["test"], card["files"]["int8"]
-    dice, iou = (f"{test[name]:.3f} ± {test[f'{name}_std']:.3f}" for name in ("dice", "iou"))
-    figures = dice, iou, f"{card['ms_per_frame']:.2f}", f"{int8['dice']:.3f}"
-    return [card["title"], card["fold"]["name"], *figures, card["settings"]]
+def estimators(json: JsonOption = False) -> None:
+    """List the available estimators: the rig's own and those of installed packages.
+
+    A package lists its estimators in its metadata, as entry points of the group slip_rig.estimators. They
+    are read without importing the package. Any other class is named as package.module:Class.
+
+    Examples:
+      rig estimators
+      rig estimators --json
+    """
+    from drivers.named_classes import installed_classes
+    from rig.tactile.estimators import DEFAULT_ESTIMATOR, ESTIMATORS
+    from rig.tactile.foreign import GROUP
+    from rig.terminal.tables import console_table, table_console
+
+    found: list[dict[str, Any]] = [{"name": name, "from": "the rig", "class": None} for name in ESTIMATORS]
+    for of in installed_classes(GROUP):
+        hidden = of.name in ESTIMATORS
+        found.append({"name": of.target if hidden else of.name, "from": of.distribution, "class": of.target})
+    if json:
+        emit_json({"default": DEFAULT_ESTIMATOR, "estimators": found})
+        return
+    rows = [(str(of["name"]), str(of["from"]), str(of["class"] or "")) for of in found]
+    table_console().print(console_table(("--estimator", "from", "class"), rows, range(3)))
+
+
+@model.command("list")
+def list_models(json: JsonOption = False) -> None:
+    """List the networks of the rig with their inputs, training data and test scores.
+
+    Examples:
+      rig model list
+      rig model list --json
+    """
+    from rig.frames.masks import shipped_cards
+    from rig.terminal.tables import console_table, table_console
+
+    cards, rows = shipped_cards(), []
+    if json:
+        emit_json({"models": cards})
+        return
+    for card in cards:
+        data = "SIMULATED frames" if card["simulated"] else card["data"]
+        (width, height), test, shipped = card["size_px"], card["test"], card["shipped"]
+        about = card["name"], card["inputs"], f"{width} x {height}", f"{data}, {card['fold']['name']}"
+        size = shipped["file"], f"{shipped['bytes'] / 1e6:.2f}"
+        rows.append((*about, f"{test['dice']:.3f}", f"{test['iou']:.3f}", *size))
+    columns = ("network", "input", "px", "trained on", "test Dice", "test IoU", "file", "MB")
+    title = "Networks of the rig; Dice and IoU on objects that are not in the training data"
+    table_console().print(console_table(columns, rows, range(len(columns)), title))
+
+
+@dataclass(frozen=True, slots=True)
+class ImportOptions:
+    checkpoint: Path = argument(
+        ..., "PyTorch checkpoint: a state dict, or a dictionary with one under the key state_dict."
+    )
+    out: Path = option(
+        ..., "ONNX file to write. Its metadata goes into a .json file of the same name.", callback=file_place
+    )
+    arch: str = option("pspnet", "Architecture: pspnet, deeplabv3plus, unetplusplus or ours.")
+    encoder: str = option("resnet18", "Encoder: resnet18 or efficientnet-b3.")
+    size: str = option("256x320", "Size of the training images, WIDTHxHEIGHT in px.")
+    threshold: float = option(
+        0.7, "A pixel is contact if its sigmoid output is above this; the paper uses 0.7.", min=0.01, max=0.99
+    )
+    json: JsonOption = False
+
+
+@model.command("import")
+def import_model(options: ImportOptions) -> None:
+    """Convert a checkpoint of segmentation-models-pytorch to ONNX, for rig segment.
+
+    The paper's authors publish their weights in this format. Code inside the file is never run. Needs the
+    extra `train`.
+
+    Examples:
+      rig model import PSPNet_resnet18.pth --arch pspnet --out authors.onnx
+      rig segment frames/ --model authors.onnx --out masks
+    """
+    require_training()
+    from rig.training.checkpoint import import_checkpoint
+    from rig.training.networks import find_architecture
+
+    arch, out = find_architecture(options.arch), options.out
+    size = re.fullmatch(r"(\d{1,5})x(\d{1,5})", options.size)
+    if size is None:
+        raise InputError(f"--size {options.size}: give WIDTHxHEIGHT in px, as 256x320")
+    card = import_checkpoint(
+        options.checkpoint, arch, options.encoder, (int(size[2]), int(size[1])), options.threshold, out
+    )
+    difference = card["largest_difference_from_library"]
+    say(
+        f"{out}: {card['title']}, {card['files']['fp32']['bytes'] / 1e6:.1f} MB; logits differ from the "
+        f"library's by at most {difference:.1g}"
+    )
+    print_result(options.json, {"out": str(out), **card}, out)

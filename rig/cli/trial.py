@@ -17,20 +17,20 @@ from rig.cli.resuming import (
     agreed,
     bench_of,
     continued,
+    dry_run,
     may_be_continued,
     named_again,
     say_done,
     usual_lift_s,
+    watched,
 )
-from rig.cli.watching import Work, dry_run, watched
 from rig.declared import option, resumed
-from rig.live.onlookers import telling
-from rig.live.questions import ask
-from rig.live.screen import begin_phase
+from rig.terminal.onlookers import announcing
+from rig.terminal.questions import ask
+from rig.terminal.screen import begin_phase
 
 if TYPE_CHECKING:
     from rig.bench.plan import Plan
-    from rig.config import BenchConfig
     from rig.experiments.lift_plan import TrialSettings
     from rig.results.summary import TrialSummary
     from rig.sessions.about import Remarks
@@ -38,8 +38,6 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class TrialOptions:
-    """The objects, the number of lifts, and the limit on the result."""
-
     lifts: int = option(5, "Accepted lifts per object.", min=1, max=1000, stored="lifts_per_object")
     objects: list[str] | None = option(
         None,
@@ -63,8 +61,6 @@ class TrialOptions:
 
 @dataclass(frozen=True, slots=True)
 class EstimatorOptions:
-    """The estimator that runs during the lifts."""
-
     estimator: str | None = option(
         None,
         "slip, skeleton, ellipse, pca; the last three also with -published; ecc, "
@@ -88,8 +84,6 @@ class EstimatorOptions:
 
 @dataclass(frozen=True, slots=True)
 class ReactionOptions:
-    """The reaction to slip."""
-
     react: Literal["none", "stop", "tighten", "lower"] = option(
         "none",
         "Reaction to slip: stop the arm; tighten the grip and continue; or lower the object. "
@@ -127,32 +121,31 @@ def trial(
 
     Examples:
       rig trial --lifts 5
-
       rig trial --lifts 1 --object wrench --object 7 --estimator ellipse
-
       rig trial --bench my_bench.toml --dry-run
-
       rig trial --lifts 1 --object toothbrush --react tighten
-
       rig trial --lifts 3 --objects my_objects --object my_box
-
       rig trial --lifts 5 --name "new gel" --tag gel-7 --operator Ada
-
       rig trial --resume --out sessions/campaign
-
       rig trial --lifts 5 --watch
-
     """
     from rig.sessions.rows import read_finished_lifts
 
     lifting = _prepare(context, what, estimator, reaction, bench, session)
     if bench.dry:
         dry_run(lifting.settings.bench, lifting.plan(), session.json)
-    consent = agreed(context, bench, lifting.settings.bench)
-    summary = _lift_all(context, lifting, session, what.live, watch, consent)
-    _finish(lifting, summary, session)
+    summary = _lift_all(context, lifting, bench, session, what.live, watch)
+    wall_s = time.perf_counter() - lifting.began
+    trial_table(summary, lifting.simulated, wall_s, session.json)
+    page = report_after(lifting.folder, session.no_report)
+    if session.json:
+        figures = {**summary.as_json(), "wall_s": round(wall_s, 2), "report": page}
+        emit_json({"session": str(lifting.folder), **figures})
     report_faults(row.estimator_faults for row in read_finished_lifts(lifting.folder) if row.estimator_faults)
-    _check_limit(summary, what.max_mare)
+    reached, limit = summary.mare.mean_deg if summary.mare else float("inf"), what.max_mare
+    if limit is not None and reached > limit:
+        say(f"rig: MARE {reached:.2f} degrees is above the limit of {limit:g} degrees (--max-mare)")
+        raise typer.Exit(Exit.LIMIT_MISSED)
 
 
 @dataclass(frozen=True, slots=True)
@@ -180,7 +173,6 @@ class _Trial:
 
     @property
     def wanted(self) -> int:
-        """Number of requested lifts."""
         return len(self.objects) * self.lifts
 
     def plan(self) -> "Plan":
@@ -199,11 +191,14 @@ def _prepare(
     session: SessionOptions,
 ) -> _Trial:
     """Read the bench and the session to resume; return the trial with its settings. Raises `InputError`."""
+    from protocols.reaction import ReactionKind
     from rig.config.objects import with_more
-    from rig.experiments.lift_plan import require_reaction
+    from rig.experiments.lift_plan import TrialSettings, require_reaction
     from rig.experiments.trial import resolve_objects, trial_manifest
+    from rig.lift.slip_watch import SlipSettings
     from rig.sessions.manifest import TrialManifest
     from rig.sessions.session import require_same
+    from rig.tactile.estimators import choose_estimator
 
     began, remarks = time.perf_counter(), session.remarks()
     config = bench_of(context, bench, session, "rig trial")
@@ -213,7 +208,10 @@ def _prepare(
         named_again(estimator.estimator, stored.estimator)
         what, bench = resumed(what, stored, context), resumed(bench, stored, context)
         estimator, reaction = resumed(estimator, stored, context), resumed(reaction, stored, context)
-    settings = _settings(config, what, estimator, reaction, bench.seed)
+    choice = choose_estimator(estimator.estimator, estimator.window, not estimator.no_skip)
+    slip = SlipSettings(reaction.alarms_per_hour, reaction.max_turn_deg)
+    kind = ReactionKind(reaction.react)
+    settings = TrialSettings(config, bench.seed, choice, what.realtime, kind, slip)
     objects = resolve_objects(what.objects, config.objects)
     require_reaction(settings, objects)
     jobs = trial_jobs(what.jobs, config.in_process, what.realtime)
@@ -222,7 +220,7 @@ def _prepare(
     trial = _Trial(settings, folder, objects, what.lifts, jobs, remarks, began)
     reacting = "" if reaction.react == "none" else f", reaction to slip '{reaction.react}'"
     say(
-        f"{trial.simulated}bench '{config.name}', seed {bench.seed}, estimator {settings.estimator.name}"
+        f"{trial.simulated}bench '{config.name}', seed {bench.seed}, estimator {choice.name}"
         f"{reacting}, session {folder}"
     )
     at_once = min(jobs, trial.wanted)
@@ -231,56 +229,49 @@ def _prepare(
         f"{counted(trial.wanted, 'lift')} of {counted(len(objects), 'object')}{parallel}; "
         "the remaining time is shown from the first lift on"
     )
-    begin_phase(f"preparing estimator {settings.estimator.name}")
-    settings.estimator.try_making()
+    begin_phase(f"preparing estimator {choice.name}")
+    choice.try_making()
     if stored is None:
         return trial
     return replace(trial, done=say_done(folder, trial.wanted), usual_s=usual_lift_s(folder, jobs))
 
 
-def _settings(
-    config: "BenchConfig",
-    what: TrialOptions,
-    estimator: EstimatorOptions,
-    reaction: ReactionOptions,
-    seed: int,
-) -> "TrialSettings":
-    from protocols.reaction import ReactionKind
-    from rig.experiments.lift_plan import TrialSettings
-    from rig.lift.slip_watch import SlipSettings
-    from rig.tactile.estimators import choose_estimator
-
-    choice = choose_estimator(estimator.estimator, estimator.window, not estimator.no_skip)
-    slip = SlipSettings(reaction.alarms_per_hour, reaction.max_turn_deg)
-    return TrialSettings(config, seed, choice, what.realtime, ReactionKind(reaction.react), slip)
-
-
 def _lift_all(
     context: typer.Context,
     trial: _Trial,
+    bench: BenchOptions,
     session: SessionOptions,
     live: bool,
     watch: WatchOptions,
-    consent: bool,
 ) -> "TrialSummary":
-    """Carry out the missing lifts; return the summary of all lifts."""
     from rig.bench.operators import ConsoleOperator
     from rig.bench.source import session_bench
     from rig.experiments.trial import run_trial
     from rig.live.session import live_session
-    from rig.live.terminal import OneMessage, TrialView
+    from rig.live.trial_view import TrialView
     from rig.results.notes import lift_note
+    from rig.results.summary import summarize_trial
+    from rig.sessions.rows import read_lifts
+    from rig.terminal.progress import OneMessage
 
     folder, settings = trial.folder, trial.settings
-    title = f"{trial.simulated}trial on bench '{settings.bench.name}', {folder}"
-    work = Work(title, "lifts", trial.wanted, trial.done)
+    config = settings.bench
+
+    def show_partial() -> None:
+        summary = summarize_trial(read_lifts(folder))
+        say(f"{summary.lifts_accepted} of {counted(trial.wanted, 'lift')} are done")
+        if summary.objects:
+            trial_table(summary, trial.simulated, time.perf_counter() - trial.began, session.json)
+
+    title = f"{trial.simulated}trial on bench '{config.name}', {folder}"
     question = f"{trial.plan().text()}\nBegin?"
-    person, message = ConsoleOperator(ask, agreed=consent), OneMessage(lift_note, attrgetter("fault"))
-    person.feeder = settings.bench.feeder
+    person = ConsoleOperator(ask, agreed=agreed(context, bench, config))
+    person.feeder = config.feeder
+    message = OneMessage(lift_note, attrgetter("fault"))
     with (
-        may_be_continued(folder, session, lambda: _show_partial(trial, session.json)),
-        watched(context, work, watch) as others,
-        session_bench(settings.bench, person, question, settings.realtime) as benches,
+        may_be_continued(folder, session, show_partial),
+        watched(context, watch, title, "lifts", trial.wanted, trial.done) as others,
+        session_bench(config, person, question, settings.realtime) as benches,
         live_session(live, others) as (feed, inbox),
         TrialView(trial.wanted, inbox, message, trial.done, trial.usual_s) as view,
     ):
@@ -292,37 +283,7 @@ def _lift_all(
             jobs=trial.jobs,
             resume=session.resume,
             benches=benches,
-            progress=telling(view, lift_note, attrgetter("fault")),
+            progress=announcing(view, lift_note, attrgetter("fault")),
             live=feed,
             remarks=trial.remarks,
         )
-
-
-def _finish(trial: _Trial, summary: "TrialSummary", session: SessionOptions) -> None:
-    """Print the results and write the report."""
-    wall_s = time.perf_counter() - trial.began
-    trial_table(summary, trial.simulated, wall_s, session.json)
-    page = report_after(trial.folder, session.no_report)
-    if session.json:
-        figures = {**summary.as_json(), "wall_s": round(wall_s, 2), "report": page}
-        emit_json({"session": str(trial.folder), **figures})
-
-
-def _show_partial(trial: _Trial, json: bool) -> None:
-    """Print the table of the lifts that were finished before the trial ended early."""
-    from rig.results.summary import summarize_trial
-    from rig.sessions.rows import read_lifts
-
-    summary = summarize_trial(read_lifts(trial.folder))
-    say(f"{summary.lifts_accepted} of {counted(trial.wanted, 'lift')} are done")
-    if summary.objects:
-        trial_table(summary, trial.simulated, time.perf_counter() - trial.began, json)
-
-
-def _check_limit(summary: "TrialSummary", max_mare: float | None) -> None:
-    if max_mare is None:
-        return
-    reached = summary.mare.mean_deg if summary.mare else float("inf")
-    if reached > max_mare:
-        say(f"rig: MARE {reached:.2f} degrees is above the limit of {max_mare:g} degrees (--max-mare)")
-        raise typer.Exit(Exit.LIMIT_MISSED)

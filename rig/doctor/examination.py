@@ -18,7 +18,7 @@ from rig.config.parts import lacking, working
 from rig.doctor.actuators import look_at_arm, look_at_gripper
 from rig.doctor.finding import Finding, Severity, judged
 from rig.doctor.streams import look_at_streams
-from rig.live.screen import begin_phase
+from rig.terminal.screen import begin_phase
 
 PACKAGES = ("rig", "drivers", "fakes", "calibration", "protocols")
 CAMPAIGN_BYTES = 3_000_000_000

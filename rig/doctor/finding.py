@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from rich.text import Text
 
 from drivers.errors import counted
-from rig.live.tables import table_console
+from rig.terminal.tables import table_console
 
 
 class Severity(StrEnum):

@@ -41,7 +41,6 @@ from rig.experiments.attempts import Attempt, Progress, Run, Task, fault_text, r
 from rig.experiments.lift_plan import derived_seed, grasp_pose, refuse_impossible
 from rig.live.feed import NOBODY, LiveFeed
 from rig.live.observer import PictureSender
-from rig.live.screen import begin_phase
 from rig.sessions.about import NO_REMARKS, Remarks
 from rig.sessions.files import reference_file, true_mask_file
 from rig.sessions.manifest import RecordManifest, begun_on
@@ -52,6 +51,7 @@ from rig.sessions.timing import PoseTiming
 from rig.tactile.contact.background import mean_background
 from rig.tactile.contact.finder import ContactFinder
 from rig.tactile.contact.gate import TouchDebounce
+from rig.terminal.screen import begin_phase
 
 COLUMNS = {
     "file": str, "pose": int, "position": str, "orientation_deg": float, "grip_counts": int, "serial": str,

@@ -1,41 +1,58 @@
-"""Estimates for a series of recorded frames: the samples, their common zero, table and figures."""
+"""Estimates for series of recorded frames: samples, common zero, table, figures, warnings about the input."""
 
 from collections import Counter, deque
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import tee
+from itertools import islice, tee
+from pathlib import Path
 from time import perf_counter
 from typing import Protocol
 
 import numpy as np
 
-from drivers.errors import InputError
+from drivers.errors import FormatError, InputError, counted
 from drivers.progress import steps
 from drivers.types import ArmState, Image
-from rig.frames.series import TimedFrame
+from rig.frames.of_session import SessionSeries
+from rig.frames.series import FrameSeries, TimedFrame, make_background
 from rig.frames.slip_alarm import slips
-from rig.frames.times import FrameTime
+from rig.frames.times import FrameTime, parse_time, sparse_note
 from rig.sessions.table_files import csv_bytes
 from rig.tactile.angles import Angles
-from rig.tactile.sample import SlipSample, State, TactileEstimator
+from rig.tactile.contact.background_check import LOOKS_LIKE_CONTACT, BackgroundCheck
+from rig.tactile.contact.untouched import Comparison
+from rig.tactile.estimators import ESTIMATORS, PUBLISHED, TOSKOV, EstimatorChoice
+from rig.tactile.sample import (
+    FROZEN,
+    NO_COLOUR,
+    EstimatorFaults,
+    SlipSample,
+    State,
+    TactileEstimator,
+    faults_of,
+    has_colour,
+)
 
+# The first frame is compared with this many later ones. It counts as dark if its mean brightness is below
+# this share of theirs.
+AFTER_FIRST = 5
+DARK_SHARE = 0.7
+CONTACT_IN_BACKGROUND = (
+    f"{LOOKS_LIKE_CONTACT} that other frames do not show: give an IMAGE without contact, or --background auto"
+)
 TIME_PERCENTILES = (50, 90, 99)
 FRAME_MS = "ms per frame with contact: median, 90 %, 99 %"
 """Heading of a column with the values of `frame_ms`."""
 
 
 class TimedImage(Protocol):
-    """A frame with its time."""
+    """A frame with its capture time. image: (H, W, 3) uint8 RGB, None if it could not be read."""
 
     @property
-    def image(self) -> Image | None:
-        """(H, W, 3) uint8 RGB, None if it could not be read."""
-        ...
+    def image(self) -> Image | None: ...
 
     @property
-    def time_ns(self) -> int:
-        """Capture time."""
-        ...
+    def time_ns(self) -> int: ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,13 +70,11 @@ class Estimate:
 
     @property
     def angles(self) -> Angles:
-        """The angles in order of the frames' times."""
         times_ns = [time.time_ns for time in self.times]
         return Angles.of(replace(s, time_ns=t) for s, t in zip(self.samples, times_ns, strict=True))
 
     @property
     def unreadable(self) -> int:
-        """Number of frames that could not be read."""
         return sum(sample.cost_s is None for sample in self.samples)
 
 
@@ -131,9 +146,25 @@ def estimate_series(
     return Estimate(tuple(time for time, _ in pairs), tuple(sample for _, sample in pairs))
 
 
-def without_angles(estimate: Estimate) -> Estimate:
-    """Return the estimate without its angles, for frames that do not fit the background."""
-    return replace(estimate, samples=tuple(sample.without_angle() for sample in estimate.samples))
+def estimate_checked(
+    series: FrameSeries, estimator: TactileEstimator, background: Image
+) -> tuple[Estimate, BackgroundCheck]:
+    """Estimate every frame as `estimate_series` does, and check the background with each frame.
+
+    The estimate has no angles if the frames do not fit the background. Raises `InputError`.
+    """
+    check = BackgroundCheck(background)
+
+    def checked() -> Iterator[TimedFrame]:
+        for frame in series:
+            if frame.image is not None:
+                check.add(frame.image, frame.time_ns)
+            yield frame
+
+    found = estimate_series(checked(), estimator, series.count)
+    if check.misfit:
+        found = replace(found, samples=tuple(sample.without_angle() for sample in found.samples))
+    return found, check
 
 
 def contact_ms(samples: Iterable[SlipSample]) -> list[float]:
@@ -147,13 +178,6 @@ def frame_ms(times_ms: Sequence[float]) -> tuple[float, float, float] | None:
         return None
     median_ms, p90_ms, p99_ms = np.percentile(times_ms, TIME_PERCENTILES).tolist()
     return median_ms, p90_ms, p99_ms
-
-
-def lift_time(estimate: Estimate, lift: FrameTime | None) -> int | None:
-    """Return a lift's time in ns, None if unknown. Raises `InputError` outside the series."""
-    if lift is not None:
-        _check_within(estimate, "--lift-from", lift)
-    return None if lift is None else lift.time_ns
 
 
 def zeroed(
@@ -173,12 +197,12 @@ def zeroed(
     place, note = (None, "the zero of the script") if keep_zero else _zero_place(estimate, reference)
     zero = None if place is None else estimate.samples[place]
     zero_deg = (zero and zero.angle_deg) or 0.0
-    alarms = slips(estimate.samples, lift_ns)
-    samples = tuple(
-        replace(sample.turned(sign, zero_deg, zero), shift_px=_shifted(sample, zero), slip=slip)
-        for sample, slip in zip(estimate.samples, alarms, strict=True)
-    )
-    return Estimate(estimate.times, samples, None if place is None else estimate.times[place], note)
+    x, y = (zero and zero.shift_px) or (0.0, 0.0)
+    samples = []
+    for sample, slip in zip(estimate.samples, slips(estimate.samples, lift_ns), strict=True):
+        shift_px = sample.shift_px and (sample.shift_px[0] - x, sample.shift_px[1] - y)
+        samples.append(replace(sample.turned(sign, zero_deg, zero), shift_px=shift_px, slip=slip))
+    return Estimate(estimate.times, tuple(samples), None if place is None else estimate.times[place], note)
 
 
 def rows(estimate: Estimate, mm_per_px: tuple[float, float] | None = None) -> list[dict[str, object]]:
@@ -186,11 +210,25 @@ def rows(estimate: Estimate, mm_per_px: tuple[float, float] | None = None) -> li
 
     mm_per_px: scale of the gel along x and y. If given, the rows also contain the shift in mm.
     """
-    found = [_row(*of) for of in zip(estimate.times, estimate.samples, strict=True)]
-    if mm_per_px is None:
-        return found
-    shifts = [shift_mm(sample.shift_px, mm_per_px) for sample in estimate.samples]
-    return [row | {"shift_x_mm": x, "shift_y_mm": y} for row, (x, y) in zip(found, shifts, strict=True)]
+    found: list[dict[str, object]] = []
+    for time, sample in zip(estimate.times, estimate.samples, strict=True):
+        x, y = sample.shift_px or (None, None)
+        found.append(
+            {
+                "t_s": time.text,
+                "angle_deg": _rounded(sample.angle_deg),
+                "sigma_deg": _rounded(sample.sigma_deg),
+                "state": sample.state.value,
+                "rate_deg_s": _rounded(sample.rate_deg_s),
+                "shift_x_px": _rounded(x),
+                "shift_y_px": _rounded(y),
+                "slip": None if sample.slip is None else int(sample.slip),
+            }
+        )
+        if mm_per_px is not None:
+            x, y = shift_mm(sample.shift_px, mm_per_px)
+            found[-1] |= {"shift_x_mm": x, "shift_y_mm": y}
+    return found
 
 
 def shift_mm(
@@ -208,11 +246,11 @@ def table(rows: Sequence[dict[str, object]]) -> str:
 
 
 def figures(estimate: Estimate) -> EstimateFigures:
-    """Return the summary of an estimate."""
     samples = estimate.samples
     refused = Counter(sample.state.value for sample in samples if sample.angle_deg is None)
     slip = next((time.text for time, s in zip(estimate.times, samples, strict=True) if s.slip), None)
-    median_ms, p90_ms, p99_ms = frame_ms(contact_ms(samples)) or (None, None, None)
+    times_ms = frame_ms(contact_ms(samples))
+    median_ms, p90_ms, p99_ms = (round(ms, 3) for ms in times_ms) if times_ms else (None, None, None)
     return EstimateFigures(
         frames=len(samples),
         answered=len(samples) - sum(refused.values()),
@@ -222,36 +260,10 @@ def figures(estimate: Estimate) -> EstimateFigures:
         reference_time_s=None if estimate.zero is None else float(estimate.zero.text),
         reference=estimate.zero_note,
         slip_s=None if slip is None else float(slip),
-        median_ms=_milliseconds(median_ms),
-        p90_ms=_milliseconds(p90_ms),
-        p99_ms=_milliseconds(p99_ms),
+        median_ms=median_ms,
+        p90_ms=p90_ms,
+        p99_ms=p99_ms,
     )
-
-
-def _row(time: FrameTime, sample: SlipSample) -> dict[str, object]:
-    x, y = sample.shift_px or (None, None)
-    return {
-        "t_s": time.text,
-        "angle_deg": _rounded(sample.angle_deg),
-        "sigma_deg": _rounded(sample.sigma_deg),
-        "state": sample.state.value,
-        "rate_deg_s": _rounded(sample.rate_deg_s),
-        "shift_x_px": _rounded(x),
-        "shift_y_px": _rounded(y),
-        "slip": None if sample.slip is None else int(sample.slip),
-    }
-
-
-def _shifted(sample: SlipSample, zero: SlipSample | None) -> tuple[float, float] | None:
-    """Return the shift since the zero, or since the estimator's reference if the zero has none."""
-    if sample.shift_px is None:
-        return None
-    x, y = (zero and zero.shift_px) or (0.0, 0.0)
-    return sample.shift_px[0] - x, sample.shift_px[1] - y
-
-
-def _milliseconds(value: float | None) -> float | None:
-    return None if value is None else round(value, 3)
 
 
 def _rounded(value: float | None) -> float | None:
@@ -259,33 +271,216 @@ def _rounded(value: float | None) -> float | None:
 
 
 def _zero_place(estimate: Estimate, reference: FrameTime | None) -> tuple[int | None, str]:
-    if reference is not None:
-        return _place_at(estimate, reference)
-    answered = [i for i, sample in enumerate(estimate.samples) if sample.angle_deg is not None]
-    if not answered:
-        return None, "undefined: no frame has an angle"
-    settled = next((i for i in answered if estimate.samples[i].settled), None)
-    if settled is None:
-        return answered[0], "at the first frame with an angle; the contact never settled"
-    return settled, "at the first frame with an angle in a settled contact"
-
-
-def _place_at(estimate: Estimate, reference: FrameTime) -> tuple[int | None, str]:
-    """Return the frame nearest to the reference time, or the first later frame with an angle."""
-    _check_within(estimate, "--reference-time", reference)
+    """Return the number of the frame whose angle is 0, and a note; None without an angle."""
     times, samples = estimate.times, estimate.samples
-    place = min(range(len(times)), key=lambda i: abs(times[i].time_ns - reference.time_ns))
     answered = [i for i, sample in enumerate(samples) if sample.angle_deg is not None]
+    if reference is None:
+        if not answered:
+            return None, "undefined: no frame has an angle"
+        settled = next((i for i in answered if samples[i].settled), None)
+        if settled is None:
+            return answered[0], "at the first frame with an angle; the contact never settled"
+        return settled, "at the first frame with an angle in a settled contact"
+    _check_within(estimate, "--reference-time", reference)
+    place = min(range(len(times)), key=lambda i: abs(times[i].time_ns - reference.time_ns))
     if place in answered:
         return place, "at the given reference"
-    state = samples[place].state.value
+    state = f"{samples[place].state.value} at --reference-time {reference.text}"
     if not answered:
-        return None, f"undefined: no frame has an angle; {state} at --reference-time {reference.text}"
+        return None, f"undefined: no frame has an angle; {state}"
     instead = next((i for i in answered if i > place), answered[0])
-    return instead, f"at the first later frame with an angle; {state} at --reference-time {reference.text}"
+    return instead, f"at the first later frame with an angle; {state}"
 
 
 def _check_within(estimate: Estimate, option: str, time: FrameTime) -> None:
     first, last = estimate.times[0], estimate.times[-1]
     if not first.time_ns <= time.time_ns <= last.time_ns:
         raise InputError(f"{option} {time.text}: the frames run from {first.text} to {last.text} s")
+
+
+def frame_doubts(series: FrameSeries) -> list[str]:
+    """Return warnings about frames without colour, and about a first frame that is stale or too dark."""
+    images = list(islice(series.images(), 1 + AFTER_FIRST))
+    if images and not any(has_colour(image) for image in images):
+        return [NO_COLOUR]
+    if len(images) <= AFTER_FIRST:
+        return []
+    first, *after = images
+    light = float(np.median([image.mean() for image in after]))
+    if first.mean() < DARK_SHARE * light:
+        return [f"the first frame is dark (mean {first.mean():.0f}, the next ones {light:.0f}): leave it out"]
+    if _differs(after[0], first) and not any(_differs(after[0], image) for image in after[1:]):
+        return [
+            "the first frame differs from all frames after it: leave it out if it is an old frame from the "
+            "camera's buffer"
+        ]
+    return []
+
+
+def background_doubts(spec: str | None, background: Image, series: FrameSeries) -> list[str]:
+    """Return a warning if the frames of `first:N` are not alike. spec: as for `make_background`."""
+    if spec is None or not spec.startswith("first:"):
+        return []
+    images, comparison = islice(series.images(), int(spec.removeprefix("first:"))), Comparison(background)
+    if odd := [number for number, image in enumerate(images) if comparison.region(image) is not None]:
+        return [
+            f"the frames of --background {spec} are not alike (frame {odd[0]} differs): a contact begins "
+            "during them, or one is an old frame; give fewer frames or an IMAGE"
+        ]
+    return []
+
+
+def _differs(background: Image, image: Image) -> bool:
+    return Comparison(background).region(image) is not None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class EstimatedSeries:
+    """Frames and their estimate.
+
+    name: clip or sensor. sign: factor from image angles to the angles here. untouched: the background,
+    (H, W, 3) uint8 RGB; background: its origin. doubts: warnings about frames or background. angles_from: the
+    image content that the angles are based on.
+    """
+
+    name: str
+    frames: FrameSeries
+    sign: int
+    estimate: Estimate
+    untouched: Image
+    background: str
+    doubts: tuple[str, ...]
+    angles_from: str
+
+    @property
+    def figures(self) -> EstimateFigures:
+        return figures(self.estimate)
+
+    @property
+    def text(self) -> str:
+        """The figures in one line for people."""
+        found, start = self.figures, float(self.estimate.times[0].text)
+        refused = ", ".join(f"{count} {state}" for state, count in found.refused.items()) or "none"
+        zero, slip = (
+            "" if t is None else f"{text}{t - start:.3f} s after the first frame"
+            for text, t in ((", ", found.reference_time_s), ("; slip ", found.slip_s))
+        )
+        timed = "no frame with contact was timed"
+        if found.median_ms is not None:
+            times = f"median; 90 % {found.p90_ms:.1f}, 99 % {found.p99_ms:.1f}"
+            timed = f"{found.median_ms:.1f} ms per frame with contact ({times})"
+        return (
+            f"{counted(found.frames, 'frame')}, {found.answered} answered, refused: {refused}; "
+            f"angles from {self.angles_from}; 0 degrees is {found.reference}{zero}{slip}; {timed}"
+        )
+
+    @property
+    def faults(self) -> EstimatorFaults | None:
+        return faults_of(self.estimate.samples)
+
+    @property
+    def warnings(self) -> list[str]:
+        found, more = self.figures, list(self.doubts)
+        if note := sparse_note([time.time_ns for time in self.estimate.times]):
+            more.append(note)
+        if found.unreadable:
+            more.append(f"{counted(found.unreadable, 'frame')} could not be read: 'lost' in the table")
+        if found.jumped:
+            more.append(
+                f"{counted(found.jumped, 'frame')} with a time far from those around it, or not after that "
+                "of the frame before: 'lost' in the table"
+            )
+        if frozen := found.refused.get(State.FROZEN.value):
+            more.append(f"{counted(frozen, 'frame')}: {FROZEN}")
+        if found.refused == {"no_contact": found.frames}:
+            more.append("no frame shows a contact; if one should, the background shows the same contact")
+        return more
+
+
+def require_frames_suffice(choice: EstimatorChoice) -> None:
+    """Raise `InputError` for an estimator that needs the arm's states beside the frames."""
+    if choice.name == TOSKOV:
+        raise InputError(
+            f"the estimator '{TOSKOV}' needs the wrench at the arm's wrist, which a clip does not contain: "
+            f"use it in lifts, with rig trial, or rig replay SESSION --estimator {TOSKOV}"
+        )
+
+
+class Estimation:
+    """Settings that apply to every series.
+
+    background: as for `make_background`. reference_time, lift_from: times in s, as text. aspect: width
+    over height of a pixel on the gel. Raises `InputError` for invalid settings.
+    """
+
+    def __init__(
+        self,
+        choice: EstimatorChoice,
+        background: str | None = None,
+        reference_time: str | None = None,
+        lift_from: str | None = None,
+        aspect: float | None = None,
+    ) -> None:
+        require_frames_suffice(choice)
+        self.choice, self._background, self._aspect = choice, background, aspect
+        self._published = choice.name.endswith(PUBLISHED) and choice.name in ESTIMATORS
+        self._reference = _time("--reference-time", reference_time)
+        self.lift = _time("--lift-from", lift_from)
+        if self._published and self._reference is not None:
+            raise InputError(
+                f"{choice.name} sets its own zero, as the published script does: leave --reference-time out"
+            )
+
+    def of_series(self, series: FrameSeries) -> EstimatedSeries:
+        """Estimate the frames of any source. Raises `InputError`."""
+        background, note = make_background(self._background, series)
+        doubts = background_doubts(self._background, background, series)
+        estimator = self.choice.make(background, self._aspect)
+        return self._estimate(Path(series.name).name, series, estimator, background, note, doubts)
+
+    def of_sensor(self, tip: SessionSeries) -> EstimatedSeries:
+        """Estimate a session's frames with the sensor's sign, background and aspect. Raises `InputError`."""
+        if self._background is None:
+            background, note, doubts = tip.background, "background: the session's own", []
+        else:
+            background, note = make_background(self._background, tip.frames)
+            doubts = background_doubts(self._background, background, tip.frames)
+        estimator = replace(self.choice, gel=tip.gel).make(background, self._aspect or tip.aspect)
+        return self._estimate(
+            tip.serial, tip.frames, estimator, background, note, doubts, tip.sign, tip.lift_ns
+        )
+
+    def _estimate(
+        self,
+        name: str,
+        series: FrameSeries,
+        estimator: TactileEstimator,
+        background: Image,
+        note: str,
+        doubts: list[str],
+        sign: int = 1,
+        lift_ns: int | None = None,
+    ) -> EstimatedSeries:
+        raw, check = estimate_checked(series, estimator, background)
+        if not raw.samples:
+            raise InputError(f"{series.name}: holds no frames to estimate: give another clip or recording")
+        if lift_ns is None and self.lift is not None:
+            _check_within(raw, "--lift-from", self.lift)
+            lift_ns = self.lift.time_ns
+        to_object = 1 if self._published else sign
+        estimate = zeroed(raw, self._reference, self._published, to_object, lift_ns)
+        if check.misfit:
+            cure = "no angles: give a background of the same camera position, or --background auto"
+            doubts = [*doubts, f"{check.misfit}; {cure}"]
+        elif check.doubt:
+            doubts = [*doubts, CONTACT_IN_BACKGROUND]
+        doubts = [*doubts, *frame_doubts(series)]
+        angles_from = self.choice.sees(background)
+        return EstimatedSeries(name, series, sign, estimate, background, note, tuple(doubts), angles_from)
+
+
+def _time(option: str, text: str | None) -> FrameTime | None:
+    try:
+        return None if text is None else parse_time(text)
+    except FormatError as error:
+        raise InputError(f"{option} {error}: give a time in s") from error

@@ -8,7 +8,7 @@ from hashlib import sha256
 from pathlib import Path
 from statistics import median
 from time import perf_counter
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -35,14 +35,6 @@ from rig.tactile.contact.segmenter import (
 CLASSICAL = "classical"
 DEFAULT_MODEL = "ours"
 UNREADABLE = "unreadable"
-
-
-class FrameSegmenter(Protocol):
-    """Finds the contact in frames and classifies each frame."""
-
-    def segment(self, image: Image) -> Segmentation:
-        """Return the contact in an (H, W, 3) uint8 RGB frame. Raises `InputError`."""
-        ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,7 +69,6 @@ class SegmentedImage:
 
     @property
     def state(self) -> str:
-        """The frame's state as in tables."""
         return UNREADABLE if self.segmentation is None else self.segmentation.state.value
 
     @property
@@ -118,6 +109,7 @@ class ClassicalSegmenter:
         return Segmentation(contact_of(moved_outline(contact.mask, self._margin)), FrameState.CONTACT)
 
 
+FrameSegmenter = Segmenter | ClassicalSegmenter
 MakeSegmenter = Callable[[Image | None], FrameSegmenter]
 """Makes the segmenter of a sensor from its background. Raises `InputError`."""
 
@@ -131,7 +123,6 @@ def segmenter_maker(choice: SegmentChoice) -> MakeSegmenter:
 
 
 def make_segmenter(choice: SegmentChoice, background: Image | None) -> FrameSegmenter:
-    """Make the segmenter of one sensor. Raises `InputError`."""
     return segmenter_maker(choice)(background)
 
 
@@ -244,7 +235,6 @@ def _group(files: list[Path], background: str | None, compare: bool) -> ImageGro
 
 
 def _files(path: Path) -> list[Path]:
-    """Return an image, or the images of a folder sorted by name."""
     if not path.exists():
         raise InputError(f"{path}: there is no such file or folder: check the path")
     if path.is_file():
@@ -261,17 +251,15 @@ def shipped_cards() -> list[dict[str, Any]]:
     The added key `shipped` contains name, size, hash and precision of the shipped file. Raises `InputError`
     if the hash of a file is not in its card.
     """
-    return [_card(name) for name in SHIPPED]
-
-
-def _card(name: str) -> dict[str, Any]:
-    card = json.loads((MODELS / f"{name}.json").read_text(encoding="utf-8"))
-    digest = sha256((MODELS / f"{name}.onnx").read_bytes()).hexdigest()
-    for precision, facts in card["files"].items():
-        if facts["sha256"] == digest:
-            return {
-                **card,
-                "name": name,
-                "shipped": {**facts, "file": f"{name}.onnx", "precision": precision},
-            }
-    raise InputError(f"the shipped network '{name}' does not match its model card: install the rig again")
+    cards = []
+    for name in SHIPPED:
+        card = json.loads((MODELS / f"{name}.json").read_text(encoding="utf-8"))
+        digest = sha256((MODELS / f"{name}.onnx").read_bytes()).hexdigest()
+        precision = next((p for p, facts in card["files"].items() if facts["sha256"] == digest), None)
+        if precision is None:
+            raise InputError(
+                f"the shipped network '{name}' does not match its model card: install the rig again"
+            )
+        shipped = {**card["files"][precision], "file": f"{name}.onnx", "precision": precision}
+        cards.append({**card, "name": name, "shipped": shipped})
+    return cards

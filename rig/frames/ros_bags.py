@@ -3,30 +3,39 @@
 sensor_msgs/Image and sensor_msgs/CompressedImage are read with their standard definitions, which are the same
 in every ROS 2 distribution. In ROS 1 only the header differs. Definitions in the bag are not used, because
 rosbags would generate code from them.
+
+The size of a bag after decompression is checked before rosbags decompresses it without a limit. Compressed
+are: the chunks of MCAP and of ROS 1 bags; whole files of ROS 2 bags (`.db3.zstd`), which are unpacked to
+disk; single messages of ROS 2 bags. Formats: https://mcap.dev/spec, http://wiki.ros.org/Bags/Format/2.0.
 """
 
 import re
+import struct
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import IO, TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
 
 from drivers.clock import NS_PER_S
 from drivers.errors import InputError, RigError, counted, unknown_name
-from drivers.formats import MOST_PIXELS, in_number_order, reason, shown
+from drivers.formats import MOST_PIXELS, check_pieces, in_number_order, reason, shown
 from drivers.images import decode_image
 from drivers.types import Image
 from rig.config.extras import require_extra
-from rig.frames.bag_sizes import check_bag_size, check_message_sizes
 from rig.sessions.files import ROS_BEGINNINGS, first_bytes
 
 if TYPE_CHECKING:
     from rosbags.rosbag1 import Reader as Reader1
     from rosbags.rosbag2 import Reader as Reader2
 
+_MCAP, _ROS1, _ZSTD = b"\x89MCAP0\r\n", b"#ROSBAG V2.0\n", b"\x28\xb5\x2f\xfd"
+_MCAP_RECORD, _MCAP_CHUNK = struct.Struct("<BQ"), struct.Struct("<QQQII")
+_CHUNK, _ROS1_CHUNK = 6, b"op=\x05"
+_LENGTH = struct.Struct("<I")
 _PART = re.compile(r"(.*)_[0-9]+(\.(?:mcap|db3|bag)(?:\.zstd)?)")
 RAW, COMPRESSED = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"
 ENCODINGS: dict[str, tuple[int, int | None]] = {
@@ -64,7 +73,13 @@ def find_topic(path: Path, topic: str | None) -> str:
     """
     with _opened(path) as bag:
         if getattr(bag, "compression_mode", None) == "message":
-            check_message_sizes(path, bag)
+            opened: Any = bag
+            messages = (
+                ("zstd", data)
+                for storage in opened.storage.storages
+                for _, _, data in storage.messages(storage.connections, None, None)
+            )
+            check_pieces(str(path), sum(file.stat().st_size for file in path.iterdir()), messages)
         topics = {each.topic: each.msgtype for each in bag.connections}
     images = sorted(each for each, kind in topics.items() if kind in (RAW, COMPRESSED))
     if not images:
@@ -94,8 +109,12 @@ def bag_times(path: Path, topic: str) -> tuple[list[int], list[int]]:
     with _opened(path) as bag:
         deserialized = _deserializer(bag)
         messages = bag.messages(connections=_connections(bag, topic))
-        times = [(_stamp_ns(deserialized(data, each.msgtype)), at_ns) for each, at_ns, data in messages]
-    return [stamp for stamp, _ in times], [received for _, received in times]
+        stamps, received = [], []
+        for each, received_ns, data in messages:
+            stamp = deserialized(data, each.msgtype).header.stamp
+            stamps.append(stamp.sec * NS_PER_S + stamp.nanosec)
+            received.append(received_ns)
+    return stamps, received
 
 
 def bag_images(path: Path, topic: str) -> Iterator[Image | None]:
@@ -127,10 +146,6 @@ def _connections(bag: "Reader1 | Reader2", topic: str) -> list[Any]:
     return [c for c in bag.connections if c.topic == topic and c.msgtype in (RAW, COMPRESSED)]
 
 
-def _stamp_ns(message: Any) -> int:
-    return message.header.stamp.sec * NS_PER_S + message.header.stamp.nanosec
-
-
 def _raw_image(message: Any, topic: str) -> Image | None:
     """Decode a raw image; None if its data are too few for its size."""
     encoding, height, width, step = message.encoding.lower(), message.height, message.width, message.step
@@ -147,7 +162,6 @@ def _raw_image(message: Any, topic: str) -> Image | None:
 
 
 def _deserializer(bag: "Reader1 | Reader2") -> Callable[[bytes, str], Any]:
-    """Return the function that reads a message of a type."""
     from rosbags.rosbag1 import Reader as Reader1
     from rosbags.typesys import Stores, get_typestore
 
@@ -164,7 +178,9 @@ def _opened(path: Path) -> "Iterator[Reader1 | Reader2]":
     from rosbags.rosbag2 import Reader as Reader2
 
     try:
-        check_bag_size(path)
+        for file in [file for file in path.iterdir() if file.is_file()] if path.is_dir() else [path]:
+            facts = file.stat()
+            _check_file(file, facts.st_size, facts.st_mtime_ns)
         with Reader1(path) if first_bytes(path).startswith(ROS_BEGINNINGS[0]) else Reader2(path) as bag:
             yield bag
     except RigError:
@@ -174,3 +190,43 @@ def _opened(path: Path) -> "Iterator[Reader1 | Reader2]":
             f"{path}: cannot be read as a ROS bag ({reason(error)}): copy it again, or repair an interrupted "
             "one with ros2 bag reindex (ROS 1: rosbag reindex; MCAP: mcap recover)"
         ) from error
+
+
+@lru_cache(maxsize=64)
+def _check_file(path: Path, size: int, changed_ns: int) -> None:
+    """Check a file; an unchanged file that was accepted is not checked again."""
+    with path.open("rb") as stream:
+        begin = stream.read(len(_ROS1))
+        if begin.startswith(_MCAP):
+            check_pieces(str(path), size, _mcap_chunks(stream, size))
+        elif begin == _ROS1:
+            check_pieces(str(path), size, _ros1_chunks(stream, size))
+        elif begin.startswith(_ZSTD):
+            stream.seek(0)
+            check_pieces(str(path), size, [("zstd", stream.read())])
+
+
+def _mcap_chunks(stream: IO[bytes], size: int) -> Iterator[tuple[str, bytes]]:
+    at = len(_MCAP)
+    while at + _MCAP_RECORD.size <= size:
+        stream.seek(at)
+        kind, length = _MCAP_RECORD.unpack(stream.read(_MCAP_RECORD.size))
+        at += _MCAP_RECORD.size + length
+        if kind == _CHUNK and at <= size and length > _MCAP_CHUNK.size:
+            record = stream.read(length)
+            (name_length,) = _LENGTH.unpack_from(record, 28)
+            yield record[32 : 32 + name_length].decode(errors="replace"), record[40 + name_length :]
+
+
+def _ros1_chunks(stream: IO[bytes], size: int) -> Iterator[tuple[str, bytes]]:
+    at = len(_ROS1)
+    while at + _LENGTH.size <= size:
+        stream.seek(at)
+        header = stream.read(min(_LENGTH.unpack(stream.read(_LENGTH.size))[0], size))
+        at += _LENGTH.size + len(header)
+        data_length = _LENGTH.unpack(stream.read(_LENGTH.size))[0] if at + _LENGTH.size <= size else size
+        at += _LENGTH.size
+        if _ROS1_CHUNK in header and at + data_length <= size:
+            kind = next((k for k in ("bz2", "lz4") if f"compression={k}".encode() in header), "")
+            yield kind, stream.read(data_length)
+        at += data_length

@@ -7,6 +7,7 @@ without an image; the caller decides how to report it.
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import islice
 from pathlib import Path
 
 import cv2
@@ -22,6 +23,7 @@ from rig.frames.clips import (
     ARRAY_SUFFIXES,
     FRAMES,
     TIMES,
+    TRIAL_VIDEO,
     VIDEO_ENDINGS,
     array_frames,
     array_shape,
@@ -29,9 +31,10 @@ from rig.frames.clips import (
     is_raw_video,
     is_ros_bag,
     is_simulated_clip,
+    is_trial,
     require_clip,
+    trial_background,
 )
-from rig.frames.public_sets import TRIAL_VIDEO, is_trial, trial_background
 from rig.frames.ros_bags import bag_images, bag_times, find_topic, rest_of_bag
 from rig.frames.times import (
     FrameTime,
@@ -49,6 +52,9 @@ from rig.tactile.contact.untouched import untouched_frames
 FOLDER_FPS = 60.0
 NO_TIMES = "the file is a raw stream without times: give --fps if they were taken at another rate"
 RATE_ASSUMED = f"times: {FOLDER_FPS:g} frames per second assumed, as neither a rate nor a table is given"
+TRIAL_NOTE = (
+    "background: mean of the pixels outside contact_masks.npy; pixels always in contact are filled in"
+)
 OTHER_ENDINGS = {".mcap", ".db3", ".bag", *ARRAY_SUFFIXES, *VIDEO_ENDINGS}
 # Least number of frames from which a background can be made if contacts move about.
 ENOUGH_FRAMES = 9
@@ -64,7 +70,6 @@ class TimedFrame:
 
     @property
     def time_ns(self) -> int:
-        """The time in ns."""
         return self.time.time_ns
 
 
@@ -98,7 +103,6 @@ class FrameSeries:
             yield frame
 
     def images(self) -> Iterator[Image]:
-        """Yield the images of the readable frames."""
         return (frame.image for frame in self if frame.image is not None)
 
 
@@ -109,13 +113,17 @@ def read_frames(
 
     path: a folder of images (sorted by name, numbers by value), an image, a video, an array
     (`rig.frames.clips`), a ROS bag (`rig.frames.ros_bags`), or a trial of TactileTracking
-    (`rig.frames.public_sets`). A folder that contains a folder `frames` is a clip with background and times,
+    (`rig.frames.clips`). A folder that contains a folder `frames` is a clip with background and times,
     as `rig live` records it. timestamps: CSV with `frame,t_s`, see `times_from_table`. fps: frame rate in Hz;
     by default that of the video, or 60 for images. topic: of a ROS bag; by default its only image topic.
     Raises `InputError` for anything else.
     """
     if (path / FRAMES).is_dir():
-        return _clip_series(path, timestamps, fps, topic)
+        if timestamps is None and fps is None and (path / TIMES).exists():
+            timestamps = path / TIMES
+        series, background = read_frames(path / FRAMES, timestamps, fps, topic), clip_background(path)
+        empty = None if background is None else partial(read_image, background)
+        return replace(series, name=str(path), empty=empty)
     if is_ros_bag(path):
         if timestamps is not None or fps is not None:
             raise InputError(f"{path}: a ROS bag contains its times: leave --timestamps and --fps out")
@@ -125,7 +133,10 @@ def read_frames(
     if timestamps is not None and fps is not None:
         raise InputError("both --timestamps and --fps set the times of the frames: give one of them")
     if is_trial(path):
-        return _trial_series(path, timestamps, fps)
+        video = _video_series(path / TRIAL_VIDEO, timestamps, fps)
+        return replace(
+            video, notes=(*video.notes, TRIAL_NOTE), empty=lambda: trial_background(path, video.images())
+        )
     require_clip(path)
     if path.is_dir() or path.suffix.lower() in SUFFIXES:
         return _image_series(path, timestamps, fps)
@@ -151,7 +162,18 @@ def make_background(spec: str | None, series: FrameSeries) -> tuple[Image, str]:
     if spec == "auto":
         return auto_background(evenly_spread(series.images())), "background: made from all frames (auto)"
     if spec.startswith("first:"):
-        return _first(spec, series)
+        number = spec.removeprefix("first:")
+        count = int(number) if number.isdecimal() and len(number) < 7 else 0
+        if count < 1:
+            raise InputError(
+                f"--background {spec}: give the number of frames without contact, as in first:10"
+            )
+        images = list(islice(series.images(), count))
+        if len(images) < count:
+            raise InputError(
+                f"--background {spec}: only {counted(len(images), 'frame')} can be read: give fewer"
+            )
+        return mean_background(images), f"background: mean of the first {counted(count, 'frame')}"
     background = read_image(Path(spec))
     if background.shape != first.shape:
         seen, wanted = size_text(background.shape), size_text(first.shape)
@@ -160,7 +182,6 @@ def make_background(spec: str | None, series: FrameSeries) -> tuple[Image, str]:
 
 
 def size_text(shape: tuple[int, ...]) -> str:
-    """Return a size as text, width x height."""
     return f"{shape[1]} x {shape[0]} px"
 
 
@@ -184,17 +205,6 @@ def find_background(name: str, images: Iterable[Image], spread: Sequence[Image])
     )
 
 
-def _first(spec: str, series: FrameSeries) -> tuple[Image, str]:
-    number = spec.removeprefix("first:")
-    count = int(number) if number.isdecimal() and len(number) < 7 else 0
-    if count < 1:
-        raise InputError(f"--background {spec}: give the number of frames without contact, as in first:10")
-    images = [image for _, image in zip(range(count), series.images(), strict=False)]
-    if len(images) < count:
-        raise InputError(f"--background {spec}: only {counted(len(images), 'frame')} can be read: give fewer")
-    return mean_background(images), f"background: mean of the first {counted(count, 'frame')}"
-
-
 def evenly_spread(images: Iterable[Image], least: int = MAX_FRAMES) -> list[Image]:
     """Return evenly spread images of a series of unknown length, `least` to twice as many of a long one."""
     kept: list[Image] = []
@@ -205,15 +215,6 @@ def evenly_spread(images: Iterable[Image], least: int = MAX_FRAMES) -> list[Imag
         if len(kept) > 2 * least:
             kept, step = kept[::2], 2 * step
     return kept
-
-
-def _clip_series(folder: Path, timestamps: Path | None, fps: float | None, topic: str | None) -> FrameSeries:
-    own = folder / TIMES
-    if timestamps is None and fps is None and own.exists():
-        timestamps = own
-    series, background = read_frames(folder / FRAMES, timestamps, fps, topic), clip_background(folder)
-    empty = None if background is None else partial(read_image, background)
-    return replace(series, name=str(folder), empty=empty)
 
 
 def _image_series(path: Path, timestamps: Path | None, fps: float | None) -> FrameSeries:
@@ -249,20 +250,33 @@ def _image_files(folder: Path) -> list[Path]:
 
 
 def _video_series(path: Path, timestamps: Path | None, fps: float | None) -> FrameSeries:
-    facts = _video_facts(path)
-    count = len(facts.shown_ns)
+    shown_ns, announced, rate = _video_facts(path)
+    count = len(shown_ns)
     if timestamps is None and fps is None:
-        times, notes = container_times(str(path), facts.shown_ns, facts.fps)
-        notes = (f"times: {facts.fps:g} frames per second assumed, as {NO_TIMES}",) if facts.raw else notes
+        times, notes = container_times(str(path), shown_ns, rate)
+        if is_raw_video(path):
+            notes = (f"times: {rate:g} frames per second assumed, as {NO_TIMES}",)
     else:
         times, notes = _times([str(i) for i in range(count)], timestamps, FOLDER_FPS if fps is None else fps)
-    if facts.is_cut:
-        cut = f"{path}: {counted(facts.announced, 'frame')} announced, {count} can be read"
+    # OpenCV computes the announced number from duration and rate, so it is too high for a variable rate.
+    longest_ns = int(np.diff(shown_ns, prepend=shown_ns[0]).max())
+    missing = announced - 0.5 - rate * (shown_ns[-1] + longest_ns) / NS_PER_S
+    if announced > count and missing > 0.0:
+        cut = f"{path}: {counted(announced, 'frame')} announced, {count} can be read"
         notes = (f"{cut}: is the file complete?", *notes)
 
     def read() -> Iterator[TimedFrame]:
-        for index, (image, time) in enumerate(zip(_video_images(path), times, strict=False)):
-            yield TimedFrame(str(index), time, image)
+        capture = cv2.VideoCapture(str(path))
+        try:
+            for index, time in enumerate(times):
+                found, image = capture.read()
+                if not found:
+                    return
+                yield TimedFrame(
+                    str(index), time, np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), np.uint8)
+                )
+        finally:
+            capture.release()
 
     return FrameSeries(str(path), read, notes, count=count)
 
@@ -309,13 +323,6 @@ def _in_order(images: Iterable[Image | None], order: NDArray[np.intp]) -> Iterat
             rank += 1
 
 
-def _trial_series(folder: Path, timestamps: Path | None, fps: float | None) -> FrameSeries:
-    series = _video_series(folder / TRIAL_VIDEO, timestamps, fps)
-    note = "background: mean of the pixels outside contact_masks.npy; pixels always in contact are filled in"
-    empty = partial(trial_background, folder)
-    return replace(series, notes=(*series.notes, note), empty=lambda: empty(series.images()))
-
-
 def _times(names: list[str], table: Path | None, fps: float) -> tuple[list[FrameTime], tuple[str, ...]]:
     """Return the times of frames, and notes on those of a table; a clip's own table may be incomplete."""
     if table is None:
@@ -327,30 +334,8 @@ def _times(names: list[str], table: Path | None, fps: float) -> tuple[list[Frame
     return times, (*notes, *checked_times(str(table), [time.time_ns for time in times]))
 
 
-@dataclass(frozen=True, slots=True)
-class _VideoFacts:
-    """shown_ns: presentation time of each readable frame. announced: number of frames in the header.
-
-    fps: nominal rate, Hz. raw: whether the file is a stream of images without times.
-    """
-
-    shown_ns: tuple[int, ...]
-    announced: int
-    fps: float
-    raw: bool
-
-    @property
-    def is_cut(self) -> bool:
-        """Whether frames are missing at the end.
-
-        OpenCV computes the announced number from duration and rate, so it is too high for a variable rate.
-        """
-        longest_ns = int(np.diff(self.shown_ns, prepend=self.shown_ns[0]).max())
-        missing = self.announced - 0.5 - self.fps * (self.shown_ns[-1] + longest_ns) / NS_PER_S
-        return self.announced > len(self.shown_ns) and missing > 0.0
-
-
-def _video_facts(path: Path) -> _VideoFacts:
+def _video_facts(path: Path) -> tuple[list[int], int, float]:
+    """Return the presentation time of each readable frame, ns, and the header's number of frames and rate."""
     capture = cv2.VideoCapture(str(path))
     try:
         announced, fps = capture.get(cv2.CAP_PROP_FRAME_COUNT), capture.get(cv2.CAP_PROP_FPS)
@@ -364,13 +349,4 @@ def _video_facts(path: Path) -> _VideoFacts:
         raise InputError(
             f"{path}: neither images nor a video that can be read: give a folder, image or video"
         )
-    return _VideoFacts(tuple(shown_ns), max(0, int(min(announced, 1e9))), float(fps), is_raw_video(path))
-
-
-def _video_images(path: Path) -> Iterator[Image]:
-    capture = cv2.VideoCapture(str(path))
-    try:
-        while (read := capture.read())[0]:
-            yield np.asarray(cv2.cvtColor(read[1], cv2.COLOR_BGR2RGB), np.uint8)
-    finally:
-        capture.release()
+    return shown_ns, max(0, int(min(announced, 1e9))), float(fps)

@@ -6,7 +6,7 @@ estimator reports that the contact has settled.
 """
 
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
 from rig.lift.onset import ALARM_RATE_DEG_S, ONSET_DEG, leaves_rest
 from rig.lift.slip_watch import REST_NS
@@ -29,10 +29,15 @@ def slips(samples: Sequence[SlipSample], lift_ns: int | None = None) -> list[boo
     """
     if all(sample.rate_deg_s is None for sample in samples):
         return [None] * len(samples)
-    if lift_ns is not None:
-        return list(_by_lift(samples, lift_ns))
-    alarm = SlipAlarm()
-    return [alarm.update(sample) for sample in samples]
+    if lift_ns is None:
+        alarm = SlipAlarm()
+        return [alarm.update(sample) for sample in samples]
+    watch, on = _TurnWatch(), []
+    for sample in samples:
+        if sample.time_ns >= lift_ns:
+            watch.update(sample)
+        on.append(watch.on)
+    return on
 
 
 class SlipAlarm:
@@ -66,14 +71,6 @@ class SlipAlarm:
     def arm(self) -> None:
         """Arm the alarm at the next angle, whether or not it is on."""
         self._watch = _TurnWatch()
-
-
-def _by_lift(samples: Sequence[SlipSample], lift_ns: int) -> Iterator[bool]:
-    watch = _TurnWatch()
-    for sample in samples:
-        if sample.time_ns >= lift_ns:
-            watch.update(sample)
-        yield watch.on
 
 
 class _TurnWatch:

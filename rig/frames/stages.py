@@ -11,17 +11,16 @@ import numpy as np
 from drivers.clock import NS_PER_S
 from drivers.errors import InputError
 from drivers.types import Image
-from rig.frames.estimates import Estimate
-from rig.frames.estimation import Estimation
+from rig.frames.estimates import EstimatedSeries, Estimation
 from rig.frames.gel_height import GelMap, GelShape, depth_picture, gel_shape, normals_picture
 from rig.frames.of_session import of_sensor, session_frames
-from rig.frames.series import FrameSeries, make_background, read_frames
+from rig.frames.series import make_background, read_frames
 from rig.sessions.manifest import TrialManifest, read_manifest_of
 from rig.tactile.contact.gate import ContactGate
 from rig.tactile.contact.gel_marks import GelMarks, found_marks
 from rig.tactile.contact.relative import RelativeDifference, smoothed, work_size
 from rig.tactile.estimators import choose_estimator
-from rig.tactile.slip.gradient import LearntGradientMap, learn_map
+from rig.tactile.slip.gradient import learn_map
 from rig.tactile.slip.height import Field, Gradient
 from rig.tactile.slip.parameters import ALIGNMENT
 from rig.tactile.slip.slopes import CURVATURE, slope_planes
@@ -39,6 +38,7 @@ class Turn:
     """Two frames of a series: the one at the zero, and the one with the largest rotation.
 
     angle_deg (counter-clockwise as seen), shift_px (right, down): motion between them in the image.
+    background: the frame without contact. aspect: of a pixel, None if unknown. title: of the picture.
     """
 
     zero: Image
@@ -47,39 +47,6 @@ class Turn:
     angle_deg: float
     sigma_deg: float | None
     shift_px: tuple[float, float]
-
-
-def largest_turn(series: FrameSeries, estimate: Estimate, sign: int = 1) -> Turn:
-    """Find the frame with the largest rotation from the zero.
-
-    sign: factor from image angles to the angles of the estimate. Raises `InputError` if no frame has an
-    angle.
-    """
-    answered = [(abs(s.angle_deg), i) for i, s in enumerate(estimate.samples) if s.angle_deg is not None]
-    if estimate.zero is None or not answered:
-        raise InputError(f"{series.name}: no frame has an angle; give frames with a contact that turns")
-    place = max(answered)[1]
-    zero_ns, later_ns, sample = estimate.zero.time_ns, estimate.times[place].time_ns, estimate.samples[place]
-    images = {
-        f.time.time_ns: f.image
-        for f in series
-        if f.image is not None and f.time.time_ns in (zero_ns, later_ns)
-    }
-    return Turn(
-        images[zero_ns],
-        images[later_ns],
-        (later_ns - zero_ns) / NS_PER_S,
-        sign * (sample.angle_deg or 0.0),
-        sample.sigma_deg,
-        sample.shift_px or (0.0, 0.0),
-    )
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Explained:
-    """The largest rotation in a series, with data for its picture. aspect: of a pixel, None if unknown."""
-
-    turn: Turn
     background: Image
     aspect: float | None
     title: str
@@ -87,33 +54,55 @@ class Explained:
 
 def explained_frames(
     path: Path, background: str | None, aspect: float | None, topic: str | None = None
-) -> Explained:
+) -> Turn:
     """Find the largest rotation in a clip. topic: see `read_frames`. Raises `InputError`."""
     series = read_frames(path, topic=topic)
     empty, _ = make_background(background, series)
-    estimate = Estimation(choose_estimator(None, None), background, aspect=aspect).of_series(series)
-    return Explained(largest_turn(series, estimate.estimate), empty, aspect, path.name)
+    found = Estimation(choose_estimator(None, None), background, aspect=aspect).of_series(series)
+    return _largest_turn(found, empty, aspect, path.name)
 
 
-def explained_lift(folder: Path, lift: int, serial: str | None) -> Explained:
+def explained_lift(folder: Path, lift: int, serial: str | None) -> Turn:
     """Find the largest rotation at one fingertip in a lift of a session. Raises `InputError`."""
     tips = [tip for tip in session_frames(folder)[0] if tip.lift.split("-")[0] == f"{lift:03d}"]
     if not tips:
         raise InputError(f"{folder}: no finished lift {lift}; see rig report {folder}")
     tip = of_sensor(tips, serial)[0]
-    estimate = Estimation(choose_estimator(None, None)).of_sensor(tip)
-    turn = largest_turn(tip.frames, estimate.estimate, tip.sign)
+    found = Estimation(choose_estimator(None, None)).of_sensor(tip)
     manifest = read_manifest_of(folder, TrialManifest, "it has no lifts")
     mark = "SIMULATED, " if manifest.simulated else ""
-    return Explained(turn, tip.background, tip.aspect, f"{mark}lift {lift}, {tip.serial}")
+    return _largest_turn(found, tip.background, tip.aspect, f"{mark}lift {lift}, {tip.serial}")
 
 
-def height_picture(turn: Turn, background: Image, gel: GelMap, title: str) -> tuple[Image, GelShape]:
+def _largest_turn(found: EstimatedSeries, background: Image, aspect: float | None, title: str) -> Turn:
+    """Find the frame with the largest rotation from the zero. Raises `InputError` without any angle."""
+    estimate = found.estimate
+    answered = [(abs(s.angle_deg), i) for i, s in enumerate(estimate.samples) if s.angle_deg is not None]
+    if estimate.zero is None or not answered:
+        raise InputError(f"{found.frames.name}: no frame has an angle; give frames with a contact that turns")
+    place = max(answered)[1]
+    zero_ns, later_ns, sample = estimate.zero.time_ns, estimate.times[place].time_ns, estimate.samples[place]
+    wanted = (zero_ns, later_ns)
+    images = {f.time_ns: f.image for f in found.frames if f.image is not None and f.time_ns in wanted}
+    return Turn(
+        images[zero_ns],
+        images[later_ns],
+        (later_ns - zero_ns) / NS_PER_S,
+        found.sign * (sample.angle_deg or 0.0),
+        sample.sigma_deg,
+        sample.shift_px or (0.0, 0.0),
+        background,
+        aspect,
+        title,
+    )
+
+
+def height_picture(turn: Turn, gel: GelMap) -> tuple[Image, GelShape]:
     """Draw frames, normals and depth of a rotation, (H, W, 3) uint8 RGB; return also the shape at its end.
 
     Raises `CalibrationError` if the frames do not have the calibrated size.
     """
-    shapes = [gel_shape(image, background, gel) for image in (turn.zero, turn.later)]
+    shapes = [gel_shape(image, turn.background, gel) for image in (turn.zero, turn.later)]
     texts = "at the zero", f"{turn.apart_s:.2f} s later"
     rows = tuple(
         (
@@ -123,28 +112,31 @@ def height_picture(turn: Turn, background: Image, gel: GelMap, title: str) -> tu
         )
         for image, text, shape in zip((turn.zero, turn.later), texts, shapes, strict=True)
     )
-    return _sheet(rows, title, background.shape), shapes[1]
+    return _sheet(rows, turn), shapes[1]
 
 
-def stages_picture(turn: Turn, background: Image, aspect: float | None, title: str) -> Image:
+def stages_picture(turn: Turn) -> Image:
     """Draw a rotation, (H, W, 3) uint8 RGB: features, frames, slopes, the same rotated, and the residual.
 
     Raises `InputError` if the frame at the zero shows no contact from which to learn the slopes.
     """
-    size = work_size(background.shape, aspect or 1.0)
+    background = turn.background
+    size = work_size(background.shape, turn.aspect or 1.0)
     first, now = (smoothed(_difference(image, background, size)) for image in (turn.zero, turn.later))
     region = ContactGate().find(first)
     learnt = None if region is None else learn_map(first, region.mask)
     if region is None or learnt is None:
-        raise InputError(f"{title}: the frame at the zero shows no dent; give another --reference-time")
+        raise InputError(f"{turn.title}: the frame at the zero shows no dent; give another --reference-time")
     slopes, slopes_now = learnt.apply(first), learnt.apply(now)
-    turned = _turned(slopes, region.mask, turn, background.shape)
+    turned = _turned(slopes, region.mask, turn)
+    whole = (0, 0, region.mask.shape[1], region.mask.shape[0])
+    planes = slope_planes(first, learnt, region.mask, whole, ALIGNMENT.broad_share)
     scale = float(np.percentile(np.abs(slopes), BRIGHTEST))
     rows = (
         (
             (_signed(first), "difference at the zero"),
             (_texture_picture(turn.zero, background, size), "texture, weighted by the network"),
-            (_signed(_curvature(first, learnt, region.mask)), "curvature"),
+            (_signed(planes[CURVATURE, ..., None]), "curvature"),
         ),
         (
             (turn.zero, "at the zero"),
@@ -157,7 +149,7 @@ def stages_picture(turn: Turn, background: Image, aspect: float | None, title: s
             (_coloured(slopes_now - turned, scale), "what the turn does not explain"),
         ),
     )
-    return _sheet(rows, title, background.shape)
+    return _sheet(rows, turn)
 
 
 def _difference(image: Image, background: Image, size: tuple[int, int]) -> Field:
@@ -176,25 +168,19 @@ def _texture_picture(image: Image, background: Image, size: tuple[int, int]) -> 
     return _coloured(planes[0] + 1j * planes[1], float(planes[2].max()))
 
 
-def _curvature(difference: Field, learnt: LearntGradientMap, mask: Image) -> Field:
-    """Return the curvature of a frame, (h, w, 1)."""
-    whole = (0, 0, mask.shape[1], mask.shape[0])
-    return slope_planes(difference, learnt, mask, whole, ALIGNMENT.broad_share)[CURVATURE, ..., None]
-
-
 def _signed(values: Field) -> Image:
-    """Draw values (h, w, C) as colours, 0 as mid grey."""
     scale = max(float(np.percentile(np.abs(values), BRIGHTEST)), 1e-9)
     levels = (128.0 + 127.0 * np.clip(values / scale, -1.0, 1.0)).astype(np.uint8)
     return np.broadcast_to(levels, (*values.shape[:2], 3))
 
 
-def _turned(slopes: Gradient, mask: Image, turn: Turn, shape: tuple[int, ...]) -> Gradient:
+def _turned(slopes: Gradient, mask: Image, turn: Turn) -> Gradient:
     """Rotate positions and vectors about the contact's centre and shift them by the estimate."""
     down, across = np.nonzero(mask)
     middle = complex(across.mean(), down.mean())
     height, width = slopes.shape
-    shift = complex(turn.shift_px[0] * width / shape[1], turn.shift_px[1] * height / shape[0])
+    rows, columns = turn.background.shape[:2]
+    shift = complex(turn.shift_px[0] * width / columns, turn.shift_px[1] * height / rows)
     # counter-clockwise as seen, with y down
     turning = cmath.exp(-1j * math.radians(turn.angle_deg))
     columns, rows = np.meshgrid(np.arange(width), np.arange(height))
@@ -212,18 +198,17 @@ def _coloured(slopes: Gradient, scale: float) -> Image:
     return np.asarray(cv2.cvtColor(hsv, cv2.COLOR_HSV2RGB), np.uint8)
 
 
-def _sheet(rows: tuple[tuple[tuple[Image, str], ...], ...], title: str, shape: tuple[int, ...]) -> Image:
-    width = round(PANEL_HEIGHT_PX * shape[1] / shape[0])
+def _sheet(rows: tuple[tuple[tuple[Image, str], ...], ...], turn: Turn) -> Image:
+    width = round(PANEL_HEIGHT_PX * turn.background.shape[1] / turn.background.shape[0])
+    gap = np.full((PANEL_HEIGHT_PX + BAND_PX, GAP_PX, 3), 255, np.uint8)
     lines = []
     for row in rows:
-        panels = [np.concatenate([_panel(picture, width), _band(text, width)]) for picture, text in row]
-        gap = np.full((panels[0].shape[0], GAP_PX, 3), 255, np.uint8)
-        lines.append(np.concatenate([p for panel in panels for p in (panel, gap)][:-1], axis=1))
-    return np.concatenate([_band(title, lines[0].shape[1]), *lines])
-
-
-def _panel(picture: Image, width: int) -> Image:
-    return np.asarray(cv2.resize(picture, (width, PANEL_HEIGHT_PX), interpolation=cv2.INTER_LINEAR), np.uint8)
+        panels: list[Image] = []
+        for picture, text in row:
+            panel = cv2.resize(picture, (width, PANEL_HEIGHT_PX), interpolation=cv2.INTER_LINEAR)
+            panels += [np.concatenate([np.asarray(panel, np.uint8), _band(text, width)]), gap]
+        lines.append(np.concatenate(panels[:-1], axis=1))
+    return np.concatenate([_band(turn.title, lines[0].shape[1]), *lines])
 
 
 def _band(text: str, width: int) -> Image:

@@ -32,7 +32,10 @@ class StreamingEstimator:
     ) -> None:
         if isinstance(estimator, type) or not callable(getattr(estimator, "update", None)):
             raise arguments.refused("StreamingEstimator: estimator", estimator, "one with a method update")
-        check_frame(np.empty(_frame_shape(shape), np.uint8))
+        if not isinstance(shape, tuple) or len(shape) != 3:
+            raise arguments.refused("StreamingEstimator: shape", shape, "(H, W, 3)")
+        sizes = [arguments.whole("StreamingEstimator: shape", size, 1, MAX_SIDE_PX) for size in shape]
+        check_frame(np.empty(sizes, np.uint8))
         self._estimator, self._shape = estimator, shape
         self._track, self._alarm = TipTrack(checked_sign("sign", sign)), SlipAlarm()
         self._each_contact, self._settled = arguments.flag("each_contact", each_contact), False
@@ -72,7 +75,14 @@ class StreamingEstimator:
         afterwards as if the call had not been made. Warns (`UserWarning`) if the sensor has frozen.
         """
         check_frame(image, self._shape)
-        answer = self._next(image.copy(), self._time_ns(time_s))
+        time_ns = _as_ns("update", time_s)
+        if self._newest_ns is not None and time_ns < self._newest_ns:
+            newest_s = self._newest_ns / NS_PER_S
+            raise InputError(
+                f"the frame's time {time_s:.6f} s is before the last one's, {newest_s:.6f} s: give frames in "
+                "order, or make another estimator for another recording"
+            )
+        answer = self._next(image.copy(), time_ns)
         if self.news:
             warnings.warn(self.news, stacklevel=2)
         return answer
@@ -152,16 +162,6 @@ class StreamingEstimator:
         if sample.angle_deg is not None and (self._track.zero_deg is None or self._settled > before):
             self._track.zero_deg, self._track.zero_sample = sample.angle_deg, sample
 
-    def _time_ns(self, time_s: float) -> int:
-        time_ns = _as_ns("update", time_s)
-        if self._newest_ns is not None and time_ns < self._newest_ns:
-            newest_s = self._newest_ns / NS_PER_S
-            raise InputError(
-                f"the frame's time {time_s:.6f} s is before the last one's, {newest_s:.6f} s: give frames in "
-                "order, or make another estimator for another recording"
-            )
-        return time_ns
-
 
 def checked_sign(name: str, sign: int) -> int:
     """Return +1 or -1. Raises `InputError`."""
@@ -169,13 +169,6 @@ def checked_sign(name: str, sign: int) -> int:
     if plain == 0:
         raise arguments.refused(name, sign, "1, or -1 for a fingertip that sees the object from behind")
     return plain
-
-
-def _frame_shape(shape: object) -> tuple[int, ...]:
-    """Return the shape of frames, (H, W, 3). Raises `InputError`."""
-    if not isinstance(shape, tuple) or len(shape) != 3:
-        raise arguments.refused("StreamingEstimator: shape", shape, "(H, W, 3)")
-    return tuple(arguments.whole("StreamingEstimator: shape", size, 1, MAX_SIDE_PX) for size in shape)
 
 
 def _as_ns(where: str, time_s: float) -> int:

@@ -93,7 +93,12 @@ def checked_times(where: str, times_ns: Sequence[int] | Times) -> tuple[str, ...
             f"{where}: {1.0 / step_s:.3g} frames per second by their times, {step_s:.3g} s apart: "
             f"{_unit_question(step_s)} Give times in s, or a frame rate (--fps)"
         )
-    return (_repeated_note(repeated),) if repeated.size else ()
+    if repeated.size == 0:
+        return ()
+    return (
+        f"times: {counted(repeated.size, 'frame')} with the time of the previous frame (first: frame "
+        f"{repeated[0]}): not estimated, 'lost'",
+    )
 
 
 def sparse_note(times_ns: Sequence[int] | Times) -> str | None:
@@ -166,13 +171,6 @@ def _filled(times: Times, given: NDArray[np.bool_], step_ns: float) -> NDArray[n
     found = np.interp(places, known, times[given])
     steps = np.diff(found[: known[-1] + 1])
     return found + np.maximum(places - known[-1], 0) * (np.median(steps) if steps.size else step_ns)
-
-
-def _repeated_note(repeated: NDArray[np.intp]) -> str:
-    return (
-        f"times: {counted(repeated.size, 'frame')} with the time of the previous frame (first: frame "
-        f"{repeated[0]}): not estimated, 'lost'"
-    )
 
 
 def _unit_question(step_s: float) -> str:
@@ -248,14 +246,13 @@ def parse_time(text: str) -> FrameTime:
 
 
 def _rows(table: Path, found: CsvTable) -> list[_Row]:
-    return [_row(table, line, fields) for line, fields in found.rows()]
-
-
-def _row(table: Path, line: int, fields: dict[str, str]) -> _Row:
-    time = FrameTime(fields["t_s"], time_ns_in(fields, "t_s", f"{table}: line {line}"))
-    if not fields["frame"]:
-        raise InputError(f"{table}: line {line}: the frame is missing: give its file name or number")
-    return _Row(line, fields["frame"], time)
+    rows = []
+    for line, fields in found.rows():
+        time = FrameTime(fields["t_s"], time_ns_in(fields, "t_s", f"{table}: line {line}"))
+        if not fields["frame"]:
+            raise InputError(f"{table}: line {line}: the frame is missing: give its file name or number")
+        rows.append(_Row(line, fields["frame"], time))
+    return rows
 
 
 def _places(table: Path, rows: Sequence[_Row], names: Sequence[str]) -> list[int]:

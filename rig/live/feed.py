@@ -17,6 +17,8 @@ from typing import Any
 
 OBJECT = "object"
 """Name under which the angle of the object, from two sensors on a desk, is shown beside the sensors."""
+REFERENCE, TAKE_BACKGROUND, RECORD, ESTIMATOR = "reference", "background", "record", "estimator"
+"""Actions of the page of `rig live`, which its desk carries out; `estimator` is followed by a name."""
 KEPT_MESSAGES = 512
 """Unread messages that a receiver keeps: some seconds of one lift."""
 LARGEST_BYTES = 200_000
@@ -61,7 +63,6 @@ class LiveFeed:
 
     @property
     def pictures(self) -> bool:
-        """Whether any listener shows images."""
         return any(listener.pictures for listener in self.listeners)
 
 
@@ -94,7 +95,6 @@ class Sender:
                     self.lost += 1
 
     def close(self) -> None:
-        """Close the sockets."""
         for _, sender in self._sockets:
             sender.close()
 

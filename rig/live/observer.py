@@ -55,7 +55,6 @@ class PictureSender:
             self._sender.send("frame", values, small_jpeg(frame.image)[0])
 
     def close(self) -> None:
-        """Close the socket."""
         self._sender.close()
 
 
@@ -88,12 +87,10 @@ class LiveObserver(LiftEvents):
         self._send("lift", {})
 
     def phase(self, phase: Phase, time_ns: int) -> None:
-        """Begin a phase."""
         self._phase = phase.value
         self._send("phase", {"phase": phase.value, "time_ns": time_ns})
 
     def frame(self, frame: Frame) -> None:
-        """Send a frame and the newest figures, subject to their rate limits."""
         self._times.setdefault(frame.serial, deque(maxlen=RATE_FRAMES)).append(frame.time_ns)
         if frame.serial not in self._measurement.angle.tips:
             self._truth.append((frame.time_ns, self._measurement.truth.latest_angle_deg()))
@@ -103,7 +100,6 @@ class LiveObserver(LiftEvents):
             self._figures(frame.time_ns)
 
     def arm(self, state: ArmState) -> None:
-        """Send the arm's pose."""
         if self._pictures and self._due("arm"):
             pose = state.base_T_tcp
             values = {"position_m": pose.position_m, "quaternion_xyzw": pose.quaternion_xyzw}
@@ -125,6 +121,8 @@ class LiveObserver(LiftEvents):
         self._send("frame", values, jpeg)
 
     def _figures(self, time_ns: int) -> None:
+        tips = self._measurement.angle.tips
+        camera = next((times for serial, times in self._times.items() if serial not in tips), None)
         fused = self._measurement.angle.fused[self._fused_sent :]
         self._fused_sent = len(self._measurement.angle.fused)
         values = {
@@ -132,24 +130,18 @@ class LiveObserver(LiftEvents):
             "phase": self._phase,
             "estimate": [(s.time_ns, s.angle_deg, s.sigma_deg) for s in fused],
             "truth": self._truth,
-            "rates_hz": self._rates_hz(),
+            # fingertips in the order of the bench file, then the camera
+            "rates_hz": {**{tip: _rate(self._times.get(tip)) for tip in tips}, "camera": _rate(camera)},
             "dropped": {name: tally.dropped for name, tally in self._measurement.tallies.items()},
         }
         self._truth = []
         self._send("figures", values)
-
-    def _rates_hz(self) -> dict[str, float | None]:
-        """Return frames per second by source: fingertips in the order of the bench file, then the camera."""
-        tips = self._measurement.angle.tips
-        camera = next((times for serial, times in self._times.items() if serial not in tips), None)
-        return {**{tip: _rate(self._times.get(tip)) for tip in tips}, "camera": _rate(camera)}
 
     def _send(self, kind: str, values: Mapping[str, object], picture: bytes = b"") -> None:
         self._sender.send(kind, {**self._lift, **values}, picture)
 
 
 def _rate(times: "deque[int] | None") -> float | None:
-    """Return frames per second of the bench's time."""
     if times is None:
         return None
     span = times[-1] - times[0]

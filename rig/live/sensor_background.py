@@ -1,26 +1,47 @@
-"""The background of one sensor on a desk: given, taken from frames, or stored; checked with each frame."""
+"""The background of one sensor on a desk: given, taken from frames, or stored; checked with each frame.
+
+The background of a sensor with a serial is stored when it is taken, and offered at the next start.
+"""
 
 from datetime import datetime
+from pathlib import Path
+from urllib.parse import quote
 
 from drivers.errors import RecordingError
+from drivers.images import encode_png, load_image
 from drivers.types import Frame, Image
-from rig.live.stored_backgrounds import (
-    StoredBackground,
-    forget_background,
-    store_background,
-    stored_background,
-)
+from rig.sessions.files import not_written, state_folder, write_file
 from rig.tactile.contact.background import mean_background
-from rig.tactile.contact.background_check import (
-    CHECK_EVERY_NS,
-    BackgroundCheck,
-    gel_change,
-)
+from rig.tactile.contact.background_check import CHECK_EVERY_NS, BackgroundCheck, gel_change
 from rig.tactile.sample import NO_COLOUR, has_colour
 
 BACKGROUND_FRAMES = 15
 """Number of frames that are averaged for the background."""
 PRESS = "press an object on the gel"
+
+
+def _file(serial: str) -> Path:
+    return state_folder() / "backgrounds" / f"{quote(serial, safe='')}.png"
+
+
+def stored_background(serial: str) -> tuple[Image, datetime] | None:
+    """Return the stored background of a sensor, (H, W, 3) uint8 RGB, and the local time when it was taken.
+
+    Returns None without one, or if its file cannot be read.
+    """
+    file = _file(serial)
+    image = load_image(file)
+    return None if image is None else (image, datetime.fromtimestamp(file.stat().st_mtime))
+
+
+def store_background(serial: str, image: Image) -> None:
+    """Store the background of a sensor. Raises `RecordingError`."""
+    file = _file(serial)
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise not_written(file, error) from error
+    write_file(file, encode_png(image))
 
 
 class SensorBackground:
@@ -43,7 +64,6 @@ class SensorBackground:
 
     @property
     def collecting(self) -> bool:
-        """Whether the background is being taken."""
         return self._frames is not None
 
     @property
@@ -72,25 +92,29 @@ class SensorBackground:
         return self._reject() if self._doubted and not doubted else ""
 
     def _taken(self, frames: list[Image]) -> str:
+        """Use the mean of frames, or the stored background; return the news."""
         self._frames, stored = None, self._stored
-        image = mean_background(frames)
-        news = "background taken"
-        if stored is not None and stored.image.shape == image.shape:
-            news = self._compared(stored, image)
-            if self.image is stored.image:
+        image, news = mean_background(frames), "background taken"
+        if stored is not None and stored[0].shape == image.shape:
+            news = self._compared(*stored, image)
+            if self.image is stored[0]:
                 return news
         self._use(image, f"taken at {datetime.now():%H:%M:%S}")
         if not self._doubted and self._serial is not None:
-            news += self._kept(self._serial, image)
+            try:
+                store_background(self._serial, image)
+                news += f" and stored for serial {self._serial}"
+            except RecordingError as error:
+                news += f" (not stored: {error})"
         return self._next(news, image)
 
-    def _compared(self, stored: StoredBackground, now: Image) -> str:
+    def _compared(self, stored: Image, taken: datetime, now: Image) -> str:
         """Use a stored background unless the present gel shows that it is outdated; return the news."""
-        change = gel_change(stored.image, now)
-        name = f"background of serial {self._serial} from {stored.taken:%Y-%m-%d %H:%M}"
+        change = gel_change(stored, now)
+        name = f"background of serial {self._serial} from {taken:%Y-%m-%d %H:%M}"
         if change.contact not in (None, "now"):
             return f"the gel has changed since the {name} ({change.text}): a new background was taken"
-        self._use(stored.image, f"of serial {self._serial}, from {stored.taken:%Y-%m-%d %H:%M}")
+        self._use(stored, f"of serial {self._serial}, from {taken:%Y-%m-%d %H:%M}")
         if change.contact is None:
             return self._next(f"{name} is used: gel unchanged ({change.text})", now)
         return (
@@ -107,20 +131,12 @@ class SensorBackground:
         """Return the news, followed by the next step for the user."""
         return f"{news}; {self.doubt or (PRESS if has_colour(image) else NO_COLOUR)}"
 
-    def _kept(self, serial: str, image: Image) -> str:
-        """Store the background; return the addition to the news."""
-        try:
-            store_background(serial, image)
-        except RecordingError as error:
-            return f" (not stored: {error})"
-        return f" and stored for serial {serial}"
-
     def _reject(self) -> str:
-        """Return the doubt, and do not offer the background at the next start."""
-        if self._serial is None:
-            return self.doubt
-        try:
-            forget_background(self._serial)
-        except RecordingError as error:
-            return f"{self.doubt} ({error})"
+        """Return the doubt, and delete the stored background, so that it is not offered at the next start."""
+        if self._serial is not None:
+            file = _file(self._serial)
+            try:
+                file.unlink(missing_ok=True)
+            except OSError as error:
+                return f"{self.doubt} ({file}: cannot be deleted ({error.strerror}))"
         return self.doubt

@@ -57,44 +57,34 @@ def _viewer(address: str) -> Iterator[subprocess.Popen[str]]:
             command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=said, text=True,
             env=viewer_environment(),
         )  # fmt: skip
+    to_viewer, from_viewer = process.stdin, process.stdout
     try:
-        _wait_until_ready(process, log)
+        ready = from_viewer and select.select([from_viewer], [], [], START_TIMEOUT_S)[0]
+        if not ready or not from_viewer or from_viewer.readline() != "ready\n":
+            process.kill()
+            lines = log.read_text().strip().splitlines()
+            raise InputError(
+                f"the live viewer did not start ({lines[-1] if lines else 'no answer'}); run without --live, "
+                "or check that `rerun` starts by itself"
+            )
         yield process
         if process.poll() is not None:
             # If the caller has set no handler, logging prints warnings on standard error.
             _log.warning("the live viewer ended before the command did; the recordings are complete")
     finally:
-        _end(process)
+        if to_viewer is not None:  # the viewer then writes everything, and ends
+            with suppress(BrokenPipeError):
+                to_viewer.close()
+        try:
+            process.wait(END_TIMEOUT_S)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
+        if from_viewer is not None:
+            from_viewer.close()
 
 
 def viewer_environment() -> dict[str, str]:
     """Return an environment in which rerun finds its viewer beside this Python, activated or not."""
     beside = str(Path(sys.executable).parent)
     return {**os.environ, "PATH": os.pathsep.join(filter(None, (beside, os.environ.get("PATH"))))}
-
-
-def _wait_until_ready(process: subprocess.Popen[str], log: Path) -> None:
-    if process.stdout is None:
-        return
-    if select.select([process.stdout], [], [], START_TIMEOUT_S)[0] and process.stdout.readline() == "ready\n":
-        return
-    process.kill()
-    said = log.read_text().strip().splitlines()
-    raise InputError(
-        f"the live viewer did not start ({said[-1] if said else 'no answer'}); run without --live, "
-        "or check that `rerun` starts by itself"
-    )
-
-
-def _end(process: subprocess.Popen[str]) -> None:
-    """Wait until the viewer has written everything; kill it after `END_TIMEOUT_S`."""
-    if process.stdin is not None:
-        with suppress(BrokenPipeError):
-            process.stdin.close()
-    try:
-        process.wait(END_TIMEOUT_S)
-    except subprocess.TimeoutExpired:
-        process.kill()
-        process.wait()
-    if process.stdout is not None:
-        process.stdout.close()

@@ -17,13 +17,12 @@ from pathlib import Path
 from urllib.parse import unquote
 
 from drivers.errors import InputError, RigError
-from rig.live.actions import offered_actions
-from rig.live.feed import Inbox, Listener
-from rig.live.onlookers import Event
-from rig.live.watch_state import Progress, StateNews, WatchState
+from rig.live.feed import ESTIMATOR, RECORD, REFERENCE, TAKE_BACKGROUND, Inbox, Listener
+from rig.live.state import Progress, StateNews, WatchState
 from rig.pages.page import render
 from rig.pages.requests import FORBIDDEN, LOOPBACK, NOT_ALLOWED, NOT_FOUND, Answer, Request
 from rig.pages.serving import PageProcess
+from rig.terminal.onlookers import Event
 
 TOKEN = "x-rig-token"  # noqa: S105 - its name
 """Header of requests that change something; its token is contained only in the page."""
@@ -80,7 +79,7 @@ class WatchPage:
         query = self.process.access.query
         self.address = f"http://{host}:{self.process.port}/{query and f'?{query}'}"
 
-    def tell(self, event: Event) -> None:
+    def show_event(self, event: Event) -> None:
         """Show an event; never blocks. Each message has the complete progress, so a lost one does no harm."""
         self._progress = self._progress.after(event)
         self.process.send(json.dumps(asdict(self._progress)).encode())
@@ -99,17 +98,11 @@ class WatchPage:
         """Stop serving. If there is a report and a connected browser, wait until it has fetched it."""
         if self._progress.report:
             with suppress(RigError):
-                self._wait_until_shown()
+                report = self.process.receive(0.0)
+                while report and report != REPORT_SHOWN:
+                    report = self.process.receive(REPORT_WAIT_S)
         self.process.close()
         self._folder.cleanup()
-
-    def _wait_until_shown(self) -> None:
-        """Wait until a connected browser has fetched the report, if there is one. Raises `RigError`."""
-        looking = False
-        while report := self.process.receive(REPORT_WAIT_S if looking else 0.0):
-            if report == REPORT_SHOWN:
-                return
-            looking = True
 
 
 class Watched:
@@ -121,7 +114,8 @@ class Watched:
 
     def __init__(self, progress: Progress, address: str, estimators: tuple[str, ...] = ()) -> None:
         self._token = secrets.token_urlsafe(16)
-        self._actions = offered_actions(estimators) if estimators else frozenset[str]()
+        names = (REFERENCE, TAKE_BACKGROUND, RECORD, *(f"{ESTIMATOR} {name}" for name in estimators))
+        self._actions = frozenset(names if estimators else ())
         self._html = render(
             "rig.live", "watch.html", title=progress.title, estimators=estimators, token=self._token
         ).encode()
@@ -129,13 +123,14 @@ class Watched:
         self._state = WatchState(progress, self._inbox.take)
 
     def take(self, message: bytes) -> None:
-        """Receive the command's progress."""
         self._state.progress = Progress(**json.loads(message))
 
     def answer(self, request: Request) -> Answer:
-        """Answer a request."""
         if request.method == "POST" and request.path == "/do" and self._actions:
-            return self._passed_on(request)
+            known = secrets.compare_digest(request.header(TOKEN).encode(), self._token.encode())
+            if not known or request.body.decode(errors="replace") not in self._actions:
+                return FORBIDDEN
+            return Answer(b"{}", "application/json", report=request.body)
         if request.method != "GET":
             return NOT_ALLOWED
         if request.path == "/":
@@ -147,28 +142,14 @@ class Watched:
         if request.path == "/stream":
             return Answer(b"", "application/octet-stream", report=LOOKING, news=StateNews(self._state))
         if request.path == "/report.html":
-            return self._report()
-        return self._picture(request.path)
+            try:
+                html = Path(self._state.progress.report).read_bytes()
+            except OSError:
+                return NOT_FOUND
+            return Answer(html, "text/html; charset=utf-8", report=REPORT_SHOWN)
+        name = unquote(request.path.removeprefix("/picture/").removesuffix(".jpg"))
+        picture = self._state.picture(name)
+        return NOT_FOUND if picture is None or request.path == name else Answer(picture, "image/jpeg")
 
     def close(self) -> None:
-        """Stop receiving."""
         self._inbox.close()
-
-    def _passed_on(self, request: Request) -> Answer:
-        """Pass on the action of a button, as text, if the page offers it."""
-        known = secrets.compare_digest(request.header(TOKEN).encode(), self._token.encode())
-        if not known or request.body.decode(errors="replace") not in self._actions:
-            return FORBIDDEN
-        return Answer(b"{}", "application/json", report=request.body)
-
-    def _report(self) -> Answer:
-        try:
-            html = Path(self._state.progress.report).read_bytes()
-        except OSError:
-            return NOT_FOUND
-        return Answer(html, "text/html; charset=utf-8", report=REPORT_SHOWN)
-
-    def _picture(self, path: str) -> Answer:
-        name = unquote(path.removeprefix("/picture/").removesuffix(".jpg"))
-        picture = self._state.picture(name)
-        return NOT_FOUND if picture is None or path == name else Answer(picture, "image/jpeg")

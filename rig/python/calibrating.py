@@ -82,9 +82,8 @@ def solve_camera(
     """
     boards, pictures = _items("board_m", board_m), _items("image_px", image_px)
     if len(boards) != len(pictures):
-        raise InputError(
-            f"solve_camera: {len(boards)} boards and {len(pictures)} pictures: give the same number of each"
-        )
+        numbers = f"{len(boards)} boards and {len(pictures)} pictures"
+        raise InputError(f"solve_camera: {numbers}: give the same number of each")
     size = tuple(
         arguments.whole("solve_camera: size_px", n, 1, MAX_SIDE_PX) for n in _items("size_px", size_px)
     )

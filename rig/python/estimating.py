@@ -1,6 +1,7 @@
 """Run an estimator on stored or live frames, and score its angles against ground truth."""
 
 import logging
+import math
 import warnings
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -16,15 +17,14 @@ from drivers.formats import MAX_TIME_S
 from drivers.realtime import compute_in_one_thread
 from drivers.types import Image
 from drivers.values import short_repr
-from rig.frames.estimates import estimate_series, without_angles, zeroed
-from rig.frames.estimation import checked, require_frames_suffice
+from rig.frames.estimates import estimate_checked, require_frames_suffice, zeroed
 from rig.frames.series import FrameSeries, TimedFrame, evenly_spread, find_background
 from rig.frames.streaming import StreamingEstimator, checked_sign
 from rig.frames.times import LEAST_FPS, MAX_FPS, FrameTime, checked_times, sparse_note
 from rig.report.curves import AXIS_DEG, TURN_DEG, unwrapped
 from rig.results.metrics import summarize
+from rig.sessions.records import ErrorSummary
 from rig.tactile.angles import Angles
-from rig.tactile.contact.background_check import BackgroundCheck
 from rig.tactile.estimators import ASPECTS, MAX_WINDOW, choose_estimator
 from rig.tactile.foreign import ForeignEstimator
 from rig.tactile.paper.estimator import WindowMean
@@ -89,7 +89,10 @@ def estimate(
     except TypeError:
         raise arguments.refused("estimate: frames", frames, "images in order") from None
     fps = arguments.number("estimate: fps", fps, LEAST_FPS, MAX_FPS)
-    seconds, notes = (None, ()) if times_s is None else _seconds(times_s)
+    seconds, notes = None, ()
+    if times_s is not None:
+        seconds = arguments.array("estimate: times_s", times_s, (None,), MAX_TIME_S)
+        notes = checked_times("estimate: times_s", np.rint(seconds * NS_PER_S).astype(np.int64))
     if background is None:
         frames = list(frames)
         if not frames:
@@ -100,14 +103,11 @@ def estimate(
     check_frame(background)
     series = FrameSeries("frames", lambda: _timed(frames, seconds, fps))
     made = _made("estimate", estimator, background, window, pixel_aspect, 1, gel)
-    check = BackgroundCheck(background)
-    found = estimate_series(checked(series, check), made)
+    found, check = estimate_checked(series, made, background)
     if not found.samples:
         raise InputError("estimate: there are no frames")
     if faults := faults_of(found.samples):
         raise EstimatorError(str(faults))
-    if check.misfit:
-        found = without_angles(found)
     if check.doubt:
         warnings.warn(f"{check.doubt}: give a frame without contact as background", stacklevel=2)
     if frozen := sum(sample.state is State.FROZEN for sample in found.samples):
@@ -162,12 +162,10 @@ def score(estimate: Angles, truth: Angles) -> Score:
     known = true.at(estimate.time_s)
     off = np.abs(ours.angle_deg - known)
     there, both = np.isfinite(known), np.isfinite(off)
-    errors = summarize(off[both])
+    errors = summarize(off[both]) or ErrorSummary(math.nan, math.nan, math.nan, 0)
     sure = both & np.isfinite(estimate.sigma_deg)
-    within = float(np.mean(off[sure] <= 2 * estimate.sigma_deg[sure])) if sure.any() else float("nan")
-    answered = float(np.mean(both[there])) if there.any() else float("nan")
-    if errors is None:
-        return Score(float("nan"), float("nan"), float("nan"), 0, answered, within)
+    within = float(np.mean(off[sure] <= 2 * estimate.sigma_deg[sure])) if sure.any() else math.nan
+    answered = float(np.mean(both[there])) if there.any() else math.nan
     return Score(errors.mean_deg, errors.std_deg, errors.max_deg, errors.frames, answered, within)
 
 
@@ -208,9 +206,3 @@ def _timed(frames: Iterable[Image], seconds: np.ndarray | None, fps: float) -> I
         yield TimedFrame(f"frame {number}", time, np.asarray(image))
     if seconds is not None and number + 1 < len(seconds):
         raise InputError(f"estimate: {len(seconds)} times for {number + 1} frames: give one time per frame")
-
-
-def _seconds(times_s: ArrayLike) -> tuple[np.ndarray, tuple[str, ...]]:
-    """Return the capture times, (N,) s, and notes. Raises `InputError`."""
-    seconds = arguments.array("estimate: times_s", times_s, (None,), MAX_TIME_S)
-    return seconds, checked_times("estimate: times_s", np.rint(seconds * NS_PER_S).astype(np.int64))

@@ -3,34 +3,31 @@
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
+from operator import attrgetter
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
+import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from calibration.markers.tracker import MarkerTracker
+from calibration.poses import pose_matrix
+from calibration.targets.aruco import Refusal
 from drivers import arguments
 from drivers.clock import NS_PER_S
 from drivers.errors import counted, unknown_name
 from drivers.realtime import compute_in_one_thread
-from drivers.types import Image
+from drivers.types import ArmState, Image
 from drivers.values import short_repr
 from protocols.observer import Phase
-from rig.python.tracks import (
-    ArmTrack,
-    GripperTrack,
-    MarkerTrack,
-    WrenchTrack,
-    read_arm,
-    read_gripper,
-    read_markers,
-    read_wrench,
-)
 from rig.report.curves import signed_errors
 from rig.sessions import records
 from rig.sessions.lift_curves import LiftCurves
 from rig.sessions.manifest import TrialManifest, read_manifest_of
-from rig.sessions.reading import read_curves, recorded_frames
+from rig.sessions.reading import read_curves, recorded_arm_states, recorded_frames, recorded_gripper
+from rig.sessions.recorder import GRIPPER_TOPIC
+from rig.sessions.recording_file import recorded_messages
 from rig.sessions.rows import read_usable_lifts
 from rig.tactile.angles import Angles, Floats, data_frame
 from rig.tactile.contact.background import mean_background
@@ -38,11 +35,72 @@ from rig.tactile.contact.background import mean_background
 if TYPE_CHECKING:
     from pandas import DataFrame  # pyright: ignore[reportMissingImports, reportMissingModuleSource]
 
-    from rig.frames.masks import FrameSegmenter
     from rig.frames.streaming import StreamingEstimator
 
 CAMERA = "camera"
 """Name of the external camera, used instead of a serial."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ArmTrack:
+    """Poses and joint angles of the arm.
+
+    time_s: (N,) s from the start of the lift (phase B). base_T_tcp: (N, 4, 4) pose of the tool centre point
+    in the arm's base frame, m. joints_rad: (N, 6).
+    """
+
+    time_s: Floats
+    base_T_tcp: Floats  # noqa: N815 - frame names keep their case
+    joints_rad: Floats
+
+    __repr__ = short_repr
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WrenchTrack:
+    """Force and torque at the tool centre point, in the axes of the arm's base frame.
+
+    time_s: (N,) s from the start of the lift. force_n: (N, 3) N; torque_nm: (N, 3) N m; NaN for an arm
+    without a force sensor.
+    """
+
+    time_s: Floats
+    force_n: Floats
+    torque_nm: Floats
+
+    __repr__ = short_repr
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GripperTrack:
+    """States of the gripper.
+
+    time_s: (N,) s from the start of the lift. opening_m: (N,) distance between the fingertips, m; NaN in
+    sessions of versions that recorded only counts. current_a: (N,) motor current, A; NaN if the gripper does
+    not measure it. moving: (N,) bool.
+    """
+
+    time_s: Floats
+    opening_m: Floats
+    current_a: Floats
+    moving: NDArray[np.bool_]
+
+    __repr__ = short_repr
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MarkerTrack:
+    """The corners of the two markers in the external camera's frames, detected again.
+
+    time_s: (N,) s from the start of the lift, of every camera frame. corners_px: (N, 2, 4, 2), by marker (in
+    the order of the ids in the bench file), corner (clockwise from the marker's own top left), and x (to the
+    right) and y (down). Pixel centres have integer coordinates. NaN if the marker was not found.
+    """
+
+    time_s: Floats
+    corners_px: Floats
+
+    __repr__ = short_repr
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -60,6 +118,11 @@ class SensorFrame:
     __repr__ = short_repr
 
 
+def _stored(path: str, doc: str) -> Any:
+    """Return a read-only property with a stored value, at a path of attributes."""
+    return property(attrgetter(path), doc=doc)
+
+
 class Lift:
     """One finished lift of a trial.
 
@@ -74,45 +137,25 @@ class Lift:
     def __repr__(self) -> str:
         return f"<Lift {self.number}: {self.object}/{self.lift} {self.name}, {self.outcome}>"
 
-    @property
-    def number(self) -> int:
-        """Number of the lift in the session, from 1."""
-        return self._row.number
-
-    @property
-    def object(self) -> str:
-        """Id of the object."""
-        return self._row.object
-
-    @property
-    def name(self) -> str:
-        """Name of the object."""
-        return self._row.name
-
-    @property
-    def lift(self) -> int:
-        """Number of the lift among those of this object, from 1."""
-        return self._row.lift
-
-    @property
-    def outcome(self) -> str:
-        """Outcome of the lift: "slipped", "held", "fallen", or after a reaction to slip "caught"."""
-        return self._row.outcome.value
-
-    @property
-    def simulated(self) -> bool:
-        """Whether the bench was a simulated one."""
-        return self._row.simulated
+    number: int = _stored("_row.number", "Number of the lift in the session, from 1.")
+    object: str = _stored("_row.object", "Id of the object.")
+    name: str = _stored("_row.name", "Name of the object.")
+    lift: int = _stored("_row.lift", "Number of the lift among those of this object, from 1.")
+    outcome: str = _stored(
+        "_row.outcome.value",
+        'Outcome of the lift: "slipped", "held", "fallen", or after a reaction to slip "caught".',
+    )
+    simulated: bool = _stored("_row.simulated", "Whether the bench was a simulated one.")
+    answered: float = _stored("_row.answered", "Fraction of the frames in phases B and C that have an angle.")
+    estimate: Angles = _stored("_curves.estimate", "Fused angle of both fingertips.")
+    truth: Angles = _stored(
+        "_curves.truth", "Ground truth from the markers, at the times of the camera frames."
+    )
 
     @property
     def mean_error_deg(self) -> float:
         """Mean absolute error over phases B and C, as in tables; NaN if all frames were refused."""
         return float("nan") if self._row.re is None else self._row.re.mean_deg
-
-    @property
-    def answered(self) -> float:
-        """Fraction of the frames in phases B and C that have an angle."""
-        return self._row.answered
 
     @property
     def serials(self) -> tuple[str, ...]:
@@ -125,16 +168,6 @@ class Lift:
         return dict(self._curves.phases_s)
 
     @property
-    def estimate(self) -> Angles:
-        """Fused angle of both fingertips."""
-        return self._curves.estimate
-
-    @property
-    def truth(self) -> Angles:
-        """Ground truth from the markers, at the times of the camera frames."""
-        return self._curves.truth
-
-    @property
     def error_deg(self) -> Floats:
         """(N,) estimate minus ground truth at the times of the estimate; NaN if either is missing."""
         return signed_errors(self._curves)
@@ -142,24 +175,43 @@ class Lift:
     @cached_property
     def arm(self) -> ArmTrack:
         """Poses of the tool centre point, and joint angles."""
-        return read_arm(self._recording, self._zero_s)
+        states = list(recorded_arm_states(self._recording))
+        poses = [pose_matrix(state.base_T_tcp) for state in states]
+        joints = [state.joints_rad for state in states]
+        return ArmTrack(self._times(states), _array(poses, 4, 4), _array(joints, 6))
 
     @cached_property
     def wrench(self) -> WrenchTrack:
         """Force and torque at the tool centre point, in the base's axes."""
-        return read_wrench(self._recording, self._zero_s)
+        states = list(recorded_arm_states(self._recording))
+        wrench = _array([state.wrench or (np.nan,) * 6 for state in states], 6)
+        return WrenchTrack(self._times(states), wrench[:, :3], wrench[:, 3:])
 
     @cached_property
     def gripper(self) -> GripperTrack:
         """Opening, motor current, and whether the fingers move."""
-        return read_gripper(self._recording, self._zero_s)
+        messages = [
+            (time_ns / NS_PER_S - self._zero_s, recorded_gripper(data, self._recording))
+            for _, time_ns, _, data in recorded_messages(self._recording, GRIPPER_TOPIC)
+        ]
+        return GripperTrack(
+            _array([time_s for time_s, _ in messages]),
+            _array([kept.opening_m for _, kept in messages]),
+            _array([np.nan if kept.current_a is None else kept.current_a for _, kept in messages]),
+            np.array([kept.moving for _, kept in messages], bool),
+        )
 
     @cached_property
     def markers(self) -> MarkerTrack:
         """Corners of the markers in the camera frames, detected on first access; `truth` is their angle."""
         camera = self._manifest.config.camera
         tracker = MarkerTracker(camera.marker_ids, camera.marker_dictionary)
-        return read_markers(self._recording, self._zero_s, camera.serial, tracker)
+        times_s, corners = [], []
+        for frame in recorded_frames(self._recording, camera.serial):
+            found = tracker.detect(np.asarray(cv2.cvtColor(frame.image, cv2.COLOR_RGB2GRAY), np.uint8))
+            times_s.append(frame.time_ns / NS_PER_S - self._zero_s)
+            corners.append(np.full((2, 4, 2), np.nan) if isinstance(found, Refusal) else found)
+        return MarkerTrack(_array(times_s), _array(corners, 2, 4, 2))
 
     def tip(self, serial: str) -> Angles:
         """Return the angle of one fingertip. Raises `InputError` for an unknown serial."""
@@ -177,17 +229,23 @@ class Lift:
             serial = self._manifest.config.camera.serial
         else:
             self._require(serial)
+        segmenter = None
         if masks is not None:
-            masks = str(arguments.path("frames: masks", masks))
-        return self._frames(serial, None if masks is None else _segmenter(masks, self.background(serial)))
+            # imported here, because onnxruntime takes longer to import than all the rest
+            from rig.frames.masks import SegmentChoice, make_segmenter
 
-    def _frames(self, serial: str, segmenter: "FrameSegmenter | None") -> Iterator[SensorFrame]:
-        for frame in recorded_frames(self._recording, serial):
-            mask = None
-            if segmenter is not None:
-                found = segmenter.segment(frame.image).contact.mask
-                mask = np.zeros(frame.image.shape[:2], np.uint8) if found is None else found
-            yield SensorFrame(frame.time_ns / NS_PER_S - self._zero_s, frame.image, mask)
+            choice = SegmentChoice(str(arguments.path("frames: masks", masks)))
+            segmenter = make_segmenter(choice, self.background(serial))
+
+        def read() -> Iterator[SensorFrame]:
+            for frame in recorded_frames(self._recording, serial):
+                mask = None
+                if segmenter is not None:
+                    found = segmenter.segment(frame.image).contact.mask
+                    mask = np.zeros(frame.image.shape[:2], np.uint8) if found is None else found
+                yield SensorFrame(frame.time_ns / NS_PER_S - self._zero_s, frame.image, mask)
+
+        return read()
 
     def background(self, serial: str) -> Image:
         """Return the frame of a fingertip without contact, (H, W, 3) uint8 RGB. Raises `InputError`."""
@@ -241,6 +299,9 @@ class Lift:
     def _curves(self) -> LiftCurves:
         return read_curves(self._folder, self._row, self._manifest.signs)
 
+    def _times(self, states: list[ArmState]) -> Floats:
+        return _array([state.time_ns / NS_PER_S - self._zero_s for state in states])
+
     @property
     def _recording(self) -> Path:
         return self._folder / self._row.recording
@@ -281,30 +342,11 @@ class Session:
     def __iter__(self) -> Iterator[Lift]:
         return iter(self.lifts)
 
-    @property
-    def folder(self) -> Path:
-        """Folder of the session."""
-        return self._folder
-
-    @property
-    def bench(self) -> str:
-        """Name of the bench."""
-        return self._manifest.bench
-
-    @property
-    def simulated(self) -> bool:
-        """Whether the bench was a simulated one."""
-        return self._manifest.simulated
-
-    @property
-    def estimator(self) -> str:
-        """Name of the estimator that ran during the lifts."""
-        return self._manifest.estimator
-
-    @property
-    def started(self) -> str:
-        """Start of the session, UTC, to the second."""
-        return self._manifest.started
+    folder: Path = _stored("_folder", "Folder of the session.")
+    bench: str = _stored("_manifest.bench", "Name of the bench.")
+    simulated: bool = _stored("_manifest.simulated", "Whether the bench was a simulated one.")
+    estimator: str = _stored("_manifest.estimator", "Name of the estimator that ran during the lifts.")
+    started: str = _stored("_manifest.started", "Start of the session, UTC, to the second.")
 
     @property
     def complete(self) -> bool:
@@ -325,8 +367,6 @@ def open_session(folder: str | Path) -> Session:
     return Session(folder)
 
 
-def _segmenter(masks: str, background: Image) -> "FrameSegmenter":
-    # imported here, because onnxruntime takes longer to import than all the rest
-    from rig.frames.masks import SegmentChoice, make_segmenter
-
-    return make_segmenter(SegmentChoice(masks), background)
+def _array(rows: list, *shape: int) -> Floats:
+    """Return rows of the given shape as an array (N, *shape), also for N = 0."""
+    return np.array(rows, np.float64).reshape(len(rows), *shape)

@@ -19,7 +19,7 @@ from drivers.errors import InputError, RecordingError, SessionError
 from drivers.progress import steps
 from drivers.types import Image
 from protocols.reaction import ReactionKind
-from rig.frames.estimation import EstimatedSeries
+from rig.frames.estimates import EstimatedSeries
 from rig.pages.palette import ESTIMATE, INK, MUTED, PAPER, PHASE, TRUTH
 from rig.report.lift_chart import draw_panel, on_one_scale, shown_range
 from rig.report.own_frames import estimate_curves, tip_of

@@ -6,7 +6,7 @@ import numpy as np
 
 from drivers.clock import NS_PER_S
 from drivers.types import Image
-from rig.frames.estimation import EstimatedSeries
+from rig.frames.estimates import EstimatedSeries
 from rig.pages.page import render
 from rig.report.lift_chart import key, lift_chart
 from rig.report.parts import Notice, Table, angle_text, made_text, table_of

@@ -10,7 +10,7 @@ import pytest
 
 from rig.config import load_bench
 from rig.doctor.finding import Finding, Severity
-from rig.live.tables import TableConsole
+from rig.terminal.tables import TableConsole
 from support.command_line import rig
 
 RATE = "36.15 of 60 a second, 2 missed; p50/p95/p99/max 16.8/46.5/49.1/49.8 ms apart"

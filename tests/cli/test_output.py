@@ -37,7 +37,7 @@ def test_unwritable_results_are_a_one_line_error(arguments: Sequence[object]) ->
 
 
 def test_slow_command_prints_loading_on_stderr(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("rig.live.screen.SILENT_S", 0.1)
+    monkeypatch.setattr("rig.terminal.screen.SILENT_S", 0.1)
     monkeypatch.setattr("rig.results.listing.find_sessions", lambda _: time.sleep(1.0) or [])
     done = rig("sessions", "--json")
     assert (done.returncode, done.stderr.splitlines()[0]) == (0, "loading ...")

@@ -14,9 +14,9 @@ IN_TRIAL = """if True:
     import tempfile
     from types import SimpleNamespace
     from rig.cli.common import stop_on_signals
-    from rig.live.questions import ask
+    from rig.terminal.questions import ask
     from rig.live.feed import Inbox, LiveFeed, Listener, Sender
-    from rig.live.terminal import TrialView
+    from rig.live.trial_view import TrialView
     stop_on_signals()
     inbox = Inbox(tempfile.mktemp())
     sender = Sender(LiveFeed((Listener(inbox.address, False),)))
@@ -28,8 +28,8 @@ IN_TRIAL = """if True:
 """
 IN_RECORD = """if True:
     from rig.cli.common import stop_on_signals
-    from rig.live.questions import ask
-    from rig.live.terminal import WorkProgress
+    from rig.terminal.questions import ask
+    from rig.terminal.progress import WorkProgress
     stop_on_signals()
     with WorkProgress(15, "poses") as bar:
         bar.show(1, 15, "left at +15 deg: 15 images, 0 frames rejected")
@@ -37,7 +37,7 @@ IN_RECORD = """if True:
 """
 IN_CALIBRATE = """if True:
     from rig.cli.common import say, stop_on_signals
-    from rig.live.questions import ask
+    from rig.terminal.questions import ask
     stop_on_signals()
     if True:
         say("  block 10 mm wide: 180 counts closing")
@@ -87,7 +87,9 @@ def test_keys_typed_before_the_question_do_not_answer_it(at_terminal: AtTerminal
 
 
 def test_question_without_a_terminal_counts_as_refused(at_terminal: AtTerminal, tmp_path: Any) -> None:
-    code = "import sys; sys.stderr = open({!r}, 'w'); from rig.live.questions import ask; print(ask('Move?'))"
+    code = (
+        "import sys; sys.stderr = open({!r}, 'w'); from rig.terminal.questions import ask; print(ask('Go?'))"
+    )
     terminal = at_terminal([sys.executable, "-c", code.format(str(tmp_path / "log"))], 80)
     terminal.type("y\n")
     terminal.wait_for("False")

@@ -12,12 +12,12 @@ import pytest
 
 from drivers.errors import OperatorStopError
 from rig.config import BenchConfig, load_bench
-from rig.live.terminal import OneMessage
 from rig.results.notes import lift_note
 from rig.sessions.codec import json_value
 from rig.sessions.manifest import begun_on, read_manifest
 from rig.sessions.records import LiftOutcome
 from rig.sessions.rows import read_lifts
+from rig.terminal.progress import OneMessage
 from support.benches import real_bench, real_bench_file
 from support.command_line import rig
 

@@ -103,7 +103,7 @@ def test_dry_run_lists_the_motions(lab: Path) -> None:
 
 
 ASKED = """
-from rig.live.questions import press, waited
+from rig.terminal.questions import press, waited
 import time
 print(press("press:"), press(""), flush=True)
 with waited("there?") as answered:

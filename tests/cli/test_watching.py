@@ -15,8 +15,8 @@ from urllib.request import urlopen
 
 import pytest
 
-from rig.live.onlookers import Event, observed_by
 from rig.live.watch import WatchPage
+from rig.terminal.onlookers import Event, observed_by
 from support.command_line import rig
 from support.marks import long
 from support.waiting import until
@@ -84,8 +84,8 @@ def browser(monkeypatch: pytest.MonkeyPatch) -> Browser:
         with observed_by(made.events.append), observed_by(observer):
             yield
 
-    monkeypatch.setattr("rig.cli.watching.say", made.hear)
-    monkeypatch.setattr("rig.cli.watching.observed_by", observed_too)
+    monkeypatch.setattr("rig.cli.resuming.say", made.hear)
+    monkeypatch.setattr("rig.cli.resuming.observed_by", observed_too)
     monkeypatch.setattr(WatchPage, "close", close_when_seen)
     return made
 
@@ -144,7 +144,7 @@ def test_every_calibration_reports_its_progress(
     what: tuple[object, ...], light_bench_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     events: list[Event] = []
-    monkeypatch.setattr("rig.live.onlookers._observers", [events.append])
+    monkeypatch.setattr("rig.terminal.onlookers._observers", [events.append])
     done = rig("calibrate", *what, "--bench", light_bench_file, "--out", tmp_path)
     assert done.returncode == 0, done.stderr
     progress = [event for event in events if event.kind == "progress"]
@@ -169,8 +169,8 @@ def test_invalid_watch_options_are_rejected_before_the_session(tmp_path: Path) -
 
 def test_waiting_question_is_reported_to_observers(at_terminal: AtTerminal) -> None:
     code = """if True:
-        from rig.live.questions import ask
-        from rig.live.onlookers import observed_by
+        from rig.terminal.questions import ask
+        from rig.terminal.onlookers import observed_by
         def observe(event):
             print("event", event.kind, event.text, flush=True)
         with observed_by(observe):

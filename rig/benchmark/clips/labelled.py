@@ -21,8 +21,15 @@ from drivers.errors import InputError, unknown_name
 from drivers.formats import number_in, read_csv_rows, shown, whole_in
 from drivers.images import read_image
 from drivers.types import Image
-from rig.frames.clips import LABELS, TIMES, clip_background, clip_frames
-from rig.frames.public_sets import TRIAL_VIDEO, is_trial, trial_turns_deg
+from rig.frames.clips import (
+    LABELS,
+    TIMES,
+    TRIAL_VIDEO,
+    clip_background,
+    clip_frames,
+    is_trial,
+    trial_turns_deg,
+)
 from rig.frames.series import FrameSeries, TimedFrame, make_background, read_frames
 from rig.frames.times import FrameTime
 

@@ -25,13 +25,13 @@ from rig.declared import option
 from rig.experiments.lift_attempt import attempt_lift
 from rig.experiments.lift_plan import LiftTask, TrialSettings
 from rig.experiments.trial import run_trial
-from rig.live.screen import begin_phase
 from rig.sessions.files import TIMING
 from rig.sessions.reading import recorded_frames
 from rig.sessions.records import Lift, finished
 from rig.sessions.rows import read_finished_lifts, read_rows
 from rig.sessions.timing import LIFT_TIMINGS
 from rig.tactile.estimators import choose_estimator
+from rig.terminal.screen import begin_phase
 
 LEAST_STATE_HZ, MOST_CORE = 490.0, 0.25
 TRUTHS_APART_DEG = 1.5

@@ -15,10 +15,11 @@ from drivers.errors import InputError
 from fakes.clock import SimulatedClock
 from rig.live.feed import KEPT_MESSAGES, LARGEST_BYTES, Inbox, Listener, LiveFeed, Message, Sender
 from rig.live.session import check_viewer, viewer_environment
-from rig.live.terminal import LiftInView, TrialView
-from rig.live.time_left import TimeLeft, left_text
+from rig.live.state import LiftInView
+from rig.live.trial_view import TrialView
 from rig.results.notes import lift_note
 from rig.sessions.records import Lift
+from rig.terminal.screen import TimeLeft, left_text
 
 LIFT = {"number": 3, "attempt": 0, "object": "t1", "name": "wrench", "lift": 2, "sender": 7}
 FIGURES = {
@@ -116,7 +117,7 @@ def test_viewer_is_found_without_an_activated_environment(monkeypatch: pytest.Mo
 
 def test_views_of_simulated_lifts_are_marked() -> None:
     pytest.importorskip("rerun", reason="the live view's library is not installed: extra 'live'")
-    from rig.live.rerun import layout
+    from rig.live.viewer import layout
 
     def names(part: Any) -> list[str]:
         own = [part.name] if getattr(part, "name", None) else []
@@ -167,7 +168,7 @@ def test_progress_is_printed_as_lines_without_a_terminal(
     monkeypatch: pytest.MonkeyPatch,
     lift_row: Callable[..., Lift],
 ) -> None:
-    monkeypatch.setattr("rig.live.terminal.PLAIN_EVERY_S", 0.02)
+    monkeypatch.setattr("rig.live.trial_view.PLAIN_EVERY_S", 0.02)
     inbox = Inbox(str(tmp_path / "a"))
     sender = Sender(LiveFeed((Listener(inbox.address, False),)))
     row = lift_row(3, lift=2, final_truth_deg=-8.0)

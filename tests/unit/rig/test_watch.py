@@ -24,10 +24,10 @@ import pytest
 from drivers.errors import InputError, OperatorStopError
 from drivers.images import encode_jpeg
 from rig.live.feed import Inbox, Listener, LiveFeed, Message, Sender
-from rig.live.onlookers import Event, asked, observed_by, tell, telling
+from rig.live.state import KEPT_FAULTS, KEPT_POINTS, RECORD_HEAD, Progress, StateNews, WatchState
 from rig.live.watch import WatchPage, watch_address
-from rig.live.watch_state import KEPT_FAULTS, KEPT_POINTS, RECORD_HEAD, Progress, StateNews, WatchState
 from rig.pages.serving import BURST, MOST_PER_S
+from rig.terminal.onlookers import Event, announce, announcing, asked, observed_by
 from support import waiting
 from support.browser import NEEDS_CHROMIUM, Browser
 
@@ -96,11 +96,11 @@ def test_page_shows_the_newest_values(page: WatchPage) -> None:
 
 
 def test_question_is_shown_until_answered_and_faults_stay(page: WatchPage) -> None:
-    with observed_by(page.tell):
+    with observed_by(page.show_event):
         with asked("Place object t1 on its mark. Ready?"):
             assert values(page)["question"] == "Place object t1 on its mark. Ready?"
         assert values(page)["question"] == ""
-        progress = telling(lambda *_: None, lambda row: f"a {row}", lambda row: "it fell" if row else None)
+        progress = announcing(lambda *_: None, lambda row: f"a {row}", lambda row: "it fell" if row else None)
         progress(2, 5, "")
         progress(3, 5, "lift")
         seen = values(page)
@@ -108,10 +108,10 @@ def test_question_is_shown_until_answered_and_faults_stay(page: WatchPage) -> No
         (fault,) = seen["faults"]  # type: ignore[misc]
         assert fault.endswith(" it fell")
     assert values(page)["ended"] == "done"
-    with pytest.raises(OperatorStopError), observed_by(page.tell):
+    with pytest.raises(OperatorStopError), observed_by(page.show_event):
         raise OperatorStopError("stopped by the operator")
     assert values(page)["ended"] == "stopped by the operator"
-    tell(Event("fault", "without observers"))
+    announce(Event("fault", "without observers"))
     assert len(values(page)["faults"]) == 1  # type: ignore[arg-type]
 
 
@@ -131,8 +131,8 @@ def test_browser_shows_live_updates(page: WatchPage, tmp_path: Path, width: int,
         later = [(100_000_000 * n, -0.1 * n, 0.2) for n in range(1, 31)]
         sender.send("figures", {**LIFT, **FIGURES, "estimate": later})
         sender.send("frame", {**LIFT, "serial": "D1", "time_ns": 5}, black)
-        page.tell(Event("fault", "<i>fell</i>"))
-        page.tell(Event("question", "Place it. Ready?"))
+        page.show_event(Event("fault", "<i>fell</i>"))
+        page.show_event(Event("question", "Place it. Ready?"))
         until(lambda: shown("Place it. Ready?") and shown("<i>fell</i>") and shown("t1 wrench lift 2"))
         assert shown("\u22123.0\u00b0")
         assert (
@@ -147,7 +147,7 @@ def test_browser_shows_live_updates(page: WatchPage, tmp_path: Path, width: int,
         assert box[0] > 300
         assert box[1] > 100
         until(lambda: browser.value("document.querySelector('#pictures img')?.naturalHeight") == 8)
-        page.tell(Event("end", "done"))
+        page.show_event(Event("end", "done"))
         until(lambda: not shown("Place it. Ready?") and shown("The command has ended"))
         assert browser.value("document.documentElement.scrollWidth - innerWidth") <= 0
         report = tmp_path / "report.html"
@@ -363,7 +363,7 @@ def test_report_is_served_and_browsers_get_it_before_the_page_ends(tmp_path: Pat
 
 def test_finished_pieces_are_listed(page: WatchPage) -> None:
     for done in (2, 3):
-        page.tell(Event("progress", f"lift {done}", done, 5))
+        page.show_event(Event("progress", f"lift {done}", done, 5))
     until(lambda: values(page)["finished"] == ["3/5 lift 3", "2/5 lift 2"])
 
 
@@ -422,14 +422,14 @@ def test_suspended_page_delays_nothing_and_catches_up_later(page: WatchPage) -> 
     sender = Sender(LiveFeed((page.listener, Listener(other.address, pictures=True))))
     began = time.monotonic()
     for number in range(2000):
-        page.tell(Event("fault", "it fell"))
+        page.show_event(Event("fault", "it fell"))
         sender.send("frame", {**LIFT, "serial": "D1", "time_ns": number}, JPEG * 1000)
     assert time.monotonic() - began < waiting.LIMIT_S
     until(lambda: bool(other.take()))
     assert sender.lost > 0
     os.kill(process.pid, signal.SIGCONT)
     until(lambda: len(values(page)["faults"]) == KEPT_FAULTS)  # type: ignore[arg-type]
-    page.tell(Event("question", "Ready?"))
+    page.show_event(Event("question", "Ready?"))
     until(lambda: values(page)["question"] == "Ready?")
     sender.send("frame", {**LIFT, "serial": "D1", "time_ns": 1}, JPEG)
     until(lambda: len(other.take()) > 0)
@@ -449,7 +449,7 @@ def test_stopped_page_is_ended_with_the_command() -> None:
 def test_ended_page_changes_nothing_for_the_command(page: WatchPage) -> None:
     page_process().kill()
     page_process().join(10)
-    page.tell(Event("question", "Ready?"))
+    page.show_event(Event("question", "Ready?"))
     sender = Sender(LiveFeed((page.listener,)))
     sender.send("frame", {**LIFT, "serial": "D1", "time_ns": 1}, JPEG)
     sender.close()

@@ -19,8 +19,8 @@ from rig.config import BenchConfig, load_bench
 from rig.experiments.lift_plan import TrialSettings
 from rig.experiments.record import RecordSettings, recording_plan
 from rig.experiments.trial import trial_plan
-from rig.live.questions import ask
 from rig.tactile.estimators import choose_estimator
+from rig.terminal.questions import ask
 
 
 def real_bench() -> BenchConfig:

@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from drivers.images import encode_png
-from rig.frames.estimation import Estimation, background_doubts, frame_doubts
+from rig.frames.estimates import Estimation, background_doubts, frame_doubts
 from rig.frames.series import FrameSeries, TimedFrame, make_background
 from rig.frames.times import FrameTime
 from rig.tactile.estimators import choose_estimator

@@ -24,8 +24,7 @@ from drivers.types import Frame, Image
 from rig.contract_checks import gel, pressed_bar
 from rig.experiments.lift_plan import stored_trial
 from rig.experiments.replay import run_replay
-from rig.live.desk import Desk, DeskSettings
-from rig.live.desk_sensor import Reading
+from rig.live.desk import Desk, DeskSettings, Reading
 from rig.live.feed import LiveFeed, Sender
 from rig.python import fingertip
 from rig.python.fingertip import LiveFingertip

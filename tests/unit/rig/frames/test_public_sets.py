@@ -11,7 +11,7 @@ from rig.benchmark.clips.labelled import read_clips
 from rig.benchmark.clips.study import ClipsOptions, measure
 from rig.benchmark.harness import Run
 from rig.contract_checks import gel
-from rig.frames.public_sets import trial_turns_deg
+from rig.frames.clips import trial_turns_deg
 from rig.frames.series import make_background, read_frames
 from support.command_line import rig
 from support.public_sets import about_z, turns_deg, write_trial

@@ -26,19 +26,14 @@ def unexplained(picture: np.ndarray) -> float:
 
 
 def test_wrong_rotation_leaves_a_larger_residual() -> None:
-    found = explained_lift(STORED, 1, None)
-    turn = found.turn
+    turn = replace(explained_lift(STORED, 1, None), aspect=None)
     assert abs(turn.angle_deg) > 3.0
-    right, wrong = (
-        stages_picture(replace(turn, angle_deg=sign * turn.angle_deg), found.background, None, "a turn")
-        for sign in (1, -1)
-    )
+    right, wrong = (stages_picture(replace(turn, angle_deg=sign * turn.angle_deg)) for sign in (1, -1))
     assert unexplained(right) < 0.8 * unexplained(wrong)
 
 
 def test_texture_and_curvature_of_the_first_row_are_drawn_at_the_contact() -> None:
-    found = explained_lift(STORED, 1, None)
-    picture = stages_picture(found.turn, found.background, None, "a turn").astype(float)
+    picture = stages_picture(replace(explained_lift(STORED, 1, None), aspect=None)).astype(float)
     row, width = picture[BAND_PX : BAND_PX + PANEL_HEIGHT_PX], (picture.shape[1] - 2 * GAP_PX) // 3
     difference, texture, curvature = (row[:, k * (width + GAP_PX) :][:, :width] for k in range(3))
     change = np.abs(difference - 128.0).max(axis=2)

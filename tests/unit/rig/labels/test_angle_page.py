@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from drivers.errors import InputError, RigError
 from drivers.images import read_image
-from rig.frames.estimation import Estimation
+from rig.frames.estimates import Estimation
 from rig.frames.series import read_frames
 from rig.labels import angle_lines
 from rig.labels.angle_lines import LINES, Click, ClipToLabel, FrameChoice, LineLog, choose_frames, read_drawn

@@ -13,13 +13,11 @@ import pytest
 from drivers.clock import SystemClock
 from drivers.errors import DeviceError, InputError
 from drivers.types import Frame
-from rig.frames.estimation import Estimation
+from rig.frames.estimates import Estimation
 from rig.frames.series import read_frames
-from rig.live.desk import Desk, DeskSettings
-from rig.live.desk_sensor import DeskSensor, Reading
+from rig.live.desk import Desk, DeskSensor, DeskSettings, Reading
 from rig.live.feed import OBJECT, Inbox, Listener, LiveFeed, Sender
-from rig.live.sensor_background import BACKGROUND_FRAMES
-from rig.live.stored_backgrounds import store_background, stored_background
+from rig.live.sensor_background import BACKGROUND_FRAMES, store_background, stored_background
 from rig.tactile.estimators import choose_estimator
 from support.desk_frames import GivenFrames, desk_digit, desk_frames
 

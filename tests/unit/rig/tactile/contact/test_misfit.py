@@ -12,7 +12,7 @@ import rig
 from drivers.clock import NS_PER_S, SystemClock
 from drivers.images import read_image
 from drivers.types import Frame, Image
-from rig.live.desk_sensor import DeskSensor
+from rig.live.desk import DeskSensor
 from rig.tactile.contact.background import mean_background
 from rig.tactile.contact.background_check import BackgroundCheck
 from rig.tactile.estimators import choose_estimator

@@ -6,13 +6,12 @@ import time
 import pytest
 
 from drivers.progress import steps
-from rig.live.output import guarded_output
-from rig.live.screen import begin_phase, end_phase
+from rig.terminal.screen import begin_phase, end_phase, guarded_output
 
 
 @pytest.fixture(autouse=True)
 def _short(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("rig.live.screen.SILENT_S", 0.2)
+    monkeypatch.setattr("rig.terminal.screen.SILENT_S", 0.2)
 
 
 def test_a_silent_phase_prints_its_name_on_stderr(capsys: pytest.CaptureFixture[str]) -> None:
@@ -48,7 +47,7 @@ def slowly(count: int, step_s: float = 0.1) -> None:
 def test_progress_is_printed_as_lines_away_from_a_terminal(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("rig.live.screen.PLAIN_EVERY_S", 0.5)
+    monkeypatch.setattr("rig.terminal.screen.PLAIN_EVERY_S", 0.5)
     with guarded_output():
         begin_phase("estimating with slip")
         slowly(15)
@@ -63,7 +62,7 @@ def test_progress_is_printed_as_lines_away_from_a_terminal(
 def test_progress_updates_one_line_with_the_remaining_time_on_a_terminal(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("rig.live.screen.PROGRESS_S", 0.5)
+    monkeypatch.setattr("rig.terminal.screen.PROGRESS_S", 0.5)
     monkeypatch.setattr("sys.stderr", screen := Terminal())
     begin_phase("rendering the film")
     slowly(20)
@@ -76,7 +75,7 @@ def test_progress_updates_one_line_with_the_remaining_time_on_a_terminal(
 
 
 def test_progress_is_cut_to_the_width_of_the_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("rig.live.screen.PROGRESS_S", 0.3)
+    monkeypatch.setattr("rig.terminal.screen.PROGRESS_S", 0.3)
     monkeypatch.setenv("COLUMNS", "20")
     monkeypatch.setattr("sys.stderr", screen := Terminal())
     begin_phase("rendering the film of a long lift")
@@ -88,7 +87,7 @@ def test_progress_is_cut_to_the_width_of_the_terminal(monkeypatch: pytest.Monkey
 def test_phase_without_steps_prints_the_elapsed_time(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("rig.live.screen.PLAIN_EVERY_S", 0.5)
+    monkeypatch.setattr("rig.terminal.screen.PLAIN_EVERY_S", 0.5)
     with guarded_output():
         begin_phase("writing the page")
         time.sleep(1.2)
@@ -98,7 +97,7 @@ def test_phase_without_steps_prints_the_elapsed_time(
 def test_phase_without_thread_prints_when_a_step_is_counted(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("rig.live.screen.PLAIN_EVERY_S", 0.4)
+    monkeypatch.setattr("rig.terminal.screen.PLAIN_EVERY_S", 0.4)
     with guarded_output():
         begin_phase("reading the sessions", ticking=False)
         time.sleep(0.5)

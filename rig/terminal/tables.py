@@ -2,31 +2,48 @@
 
 A table that is too wide for a terminal is folded at spaces. If that is not sufficient, each row becomes
 several lines of "heading value". Nothing is left out, and words, such as a session's name, are never broken.
+Texts from files are shown as they are, without markup.
 """
 
 import sys
 from collections.abc import Collection, Iterable, Sequence
 from textwrap import wrap
-from typing import Any
+from typing import IO, Any
 
 from rich.cells import cell_len
-from rich.console import Console, Group, RenderableType
+from rich.console import Console, ConsoleOptions, Group, RenderableType
 from rich.padding import Padding
+from rich.segment import Segment
 from rich.table import Table
 from rich.text import Text
 
-from rig.live.console import PlainConsole
-from rig.live.screen import plain
+from rig.terminal.screen import drawn_stream, plain
 
 UNBOUNDED = 100_000
 """Width of the output if it is not a terminal."""
+
+
+class PlainConsole(Console):
+    """A rich console that shows square brackets and `:names:` as text and escapes control characters."""
+
+    def __init__(self, *, file: IO[str] | None = None, stderr: bool = False, **options: Any) -> None:
+        stream = file or drawn_stream(sys.stderr if stderr else sys.stdout)
+        super().__init__(file=stream, markup=False, emoji=False, **options)
+
+    def render_str(self, text: str, **options: Any) -> Text:
+        """Return a text as it is shown, so that its width is measured correctly."""
+        return super().render_str(plain(text), **options)
+
+    def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterable[Segment]:
+        """Render, with `plain` applied to all but rich's own control sequences."""
+        for segment in super().render(renderable, options):
+            yield segment if segment.control else Segment(plain(segment.text), segment.style)
 
 
 class TableConsole(PlainConsole):
     """A console that fits tables to its width."""
 
     def print(self, *objects: Any, **options: Any) -> None:
-        """Print objects; tables are fitted to the width."""
         fits = (fitted(o, self) if isinstance(o, Table) else o for o in objects)
         super().print(*fits, **{"crop": False, **options})
 
@@ -96,7 +113,6 @@ def _narrowest(cells: Sequence[Text], height: int) -> int:
 
 
 def _height(text: Text, width: int) -> int:
-    """Return the number of lines of a text that is folded at spaces."""
     return sum(len(wrap(line, width, break_on_hyphens=False)) or 1 for line in text.plain.split("\n"))
 
 

@@ -5,28 +5,30 @@ the person sees the question and can answer.
 """
 
 import os
+import select
 import sys
+import termios
+import tty
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from drivers.errors import OperatorStopError
-from rig.live.onlookers import asked
+from rig.terminal.onlookers import asked
 
 
 def ask(question: str) -> bool:
     """Ask a yes-or-no question; without a terminal the answer is no."""
     if not _terminal():
-        _show(f"{question} [no terminal to ask and answer at: no]")
+        print(f"{question} [no terminal to ask and answer at: no]", file=sys.stderr, flush=True)
         return False
     while (answer := _typed(f"{question} [y/N]:")) not in ("", "n", "no", "y", "yes"):
-        _show(f"'{answer}' is neither y nor n")
+        print(f"'{answer}' is neither y nor n", file=sys.stderr, flush=True)
     return answer in ("y", "yes")
 
 
 def ask_line(question: str) -> str:
     """Ask for a line of text. Raises `OperatorStopError` without a terminal."""
-    if not _terminal():
-        raise OperatorStopError(f"stopped: {question} [no terminal to ask and answer at]")
+    _require_terminal(question, "ask and answer")
     return _typed(question)
 
 
@@ -36,11 +38,7 @@ def waited(question: str) -> Iterator[Callable[[], bool]]:
 
     The function raises `OperatorStopError` for "q" and if the terminal has gone; so does a missing terminal.
     """
-    import select
-    import termios
-
-    if not _terminal():
-        raise OperatorStopError(f"stopped: {question} [no terminal to ask and answer at]")
+    _require_terminal(question, "ask and answer")
 
     def answered() -> bool:
         if not select.select([sys.stdin], [], [], 0.0)[0]:
@@ -62,14 +60,10 @@ def press(question: str) -> str:
     question: shown first unless it is empty. Raises `OperatorStopError` at the end of input, and without
     a terminal.
     """
-    import termios
-    import tty
-
-    if not _terminal():
-        raise OperatorStopError(f"stopped: {question} [no terminal to press keys at]")
+    _require_terminal(question, "press keys")
     with asked(question):
         if question:
-            _show(question)
+            print(question, file=sys.stderr, flush=True)
         before = termios.tcgetattr(sys.stdin)
         try:
             tty.setcbreak(sys.stdin, termios.TCSAFLUSH)
@@ -86,8 +80,9 @@ def _terminal() -> bool:
     return sys.stdin.isatty() and sys.stderr.isatty()
 
 
-def _show(text: str) -> None:
-    print(text, file=sys.stderr, flush=True)
+def _require_terminal(question: str, what: str) -> None:
+    if not _terminal():
+        raise OperatorStopError(f"stopped: {question} [no terminal to {what} at]")
 
 
 def _typed(prompt: str) -> str:
@@ -95,8 +90,6 @@ def _typed(prompt: str) -> str:
 
     Input typed before the prompt is discarded.
     """
-    import termios
-
     with asked(prompt):
         termios.tcflush(sys.stdin, termios.TCIFLUSH)
         print(prompt, end=" ", file=sys.stderr, flush=True)

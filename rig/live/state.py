@@ -1,4 +1,4 @@
-"""State of the page of `--watch` and of `rig live`, and the changes that a browser has not received yet."""
+"""State of lifts, sensors and commands, as the terminal and the pages of `--watch` and `rig live` show it."""
 
 import json
 import struct
@@ -11,8 +11,7 @@ from typing import Any
 
 from drivers.clock import NS_PER_S
 from rig.live.feed import Message
-from rig.live.lift_in_view import LiftInView
-from rig.live.onlookers import Event
+from rig.terminal.onlookers import Event
 
 RECORD_HEAD = struct.Struct(">II")
 """Head of each record of `/stream`: length of its JSON, total length of the images after it."""
@@ -47,7 +46,6 @@ class SensorOnPage:
     added: int = 0
 
     def take(self, message: Message) -> None:
-        """Bring it up to date."""
         values = self.reading = message.values
         self.picture = message.picture
         time_s, angle_deg = values["t_s"], values["angle_deg"]
@@ -70,39 +68,76 @@ class SensorOnPage:
 
 
 @dataclass(slots=True)
-class LiftOnPage:
-    """A lift in progress, with its angles so far."""
+class LiftInView:
+    """A lift in progress after the messages received so far; angles in degrees, None without an answer.
 
-    lift: LiftInView
+    estimate, truth: the curves of its angles.
+    """
+
+    number: int
+    title: str
+    phase: str = ""
+    estimate_deg: float | None = None
+    truth_deg: float | None = None
+    rates_hz: dict[str, float | None] = field(default_factory=dict)
+    dropped: dict[str, int] = field(default_factory=dict)
+    began_ns: int | None = None
+    newest_ns: int = 0
     estimate: Points = field(default_factory=lambda: deque(maxlen=KEPT_POINTS))
     truth: Points = field(default_factory=lambda: deque(maxlen=KEPT_POINTS))
 
     def take(self, message: Message) -> None:
-        """Bring it up to date."""
-        self.lift.take(message)
+        values = message.values
+        self.phase = values.get("phase", self.phase)
+        if "time_ns" in values:
+            self.began_ns = values["time_ns"] if self.began_ns is None else self.began_ns
+            self.newest_ns = max(self.newest_ns, values["time_ns"])
         if message.kind == "figures":
-            for curve, points in ((self.estimate, "estimate"), (self.truth, "truth")):
-                for time_ns, angle_deg, *_ in message.values[points]:
-                    self._add(curve, time_ns, angle_deg)
+            self.rates_hz, self.dropped = values["rates_hz"], values["dropped"]
+            for time_ns, angle_deg, *_ in values["estimate"]:
+                self.estimate_deg = angle_deg
+                self._add(self.estimate, time_ns, angle_deg)
+            for time_ns, angle_deg in values["truth"]:
+                self.truth_deg = angle_deg
+                self._add(self.truth, time_ns, angle_deg)
+
+    @property
+    def seen_s(self) -> float:
+        """Time since the first message of the lift, s by the bench's clock."""
+        return 0.0 if self.began_ns is None else (self.newest_ns - self.began_ns) / NS_PER_S
+
+    def angles(self) -> str:
+        estimate, truth = ("-" if a is None else f"{a:+.1f} deg" for a in (self.estimate_deg, self.truth_deg))
+        return f"{self.title}, phase {self.phase or '-'}: estimate {estimate}, markers {truth}"
+
+    def frames(self) -> str:
+        rates = ", ".join(
+            f"{source} {'-' if rate is None else f'{rate:.0f}'}" for source, rate in self.rates_hz.items()
+        )
+        return f"frames/s {rates or '-'}; dropped {sum(self.dropped.values())}"
 
     def values(self) -> dict[str, Any]:
-        """Return the lift as JSON values."""
-        return {
-            "title": self.lift.title,
-            "phase": self.lift.phase,
-            "estimate_deg": self.lift.estimate_deg,
-            "truth_deg": self.lift.truth_deg,
-            "frames": self.lift.frames(),
-            "estimate": list(self.estimate),
-            "truth": list(self.truth),
-        }
+        names = ("title", "phase", "estimate_deg", "truth_deg")
+        curves = {"estimate": list(self.estimate), "truth": list(self.truth)}
+        return {**{name: getattr(self, name) for name in names}, "frames": self.frames(), **curves}
 
     def _add(self, points: Points, time_ns: int, angle_deg: float | None) -> None:
-        time_s = round((time_ns - (self.lift.began_ns or 0)) / NS_PER_S, 2)
+        time_s = round((time_ns - (self.began_ns or 0)) / NS_PER_S, 2)
         answered = angle_deg is not None
         if points and time_s < points[-1][0] + POINTS_APART_S and answered == (points[-1][1] is not None):
             return
         points.append((time_s, None if angle_deg is None else round(angle_deg, 2)))
+
+
+def update_lifts(lifts: dict[int, LiftInView], message: Message) -> None:
+    """Update the lifts in progress, by the process that sends their messages; its previous lift is over."""
+    sender, values = message.values["sender"], message.values
+    lift = lifts.get(sender)
+    if lift is None or lift.number != values["number"]:
+        lifts.pop(sender, None)
+        title = f"{values['object']} {values['name']} lift {values['lift']}"
+        lift = lifts[sender] = LiftInView(values["number"], title)
+    lift.take(message)
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,7 +161,6 @@ class Progress:
     report: str = ""
 
     def after(self, event: Event) -> "Progress":
-        """Return the progress after an event."""
         text = event.text[:MOST_CHARACTERS]
         if event.kind == "progress":
             finished = (f"{event.done}/{event.total} {text}", *self.finished)[:KEPT_FINISHED]
@@ -149,15 +183,15 @@ class WatchState:
     """Number of changes by messages of lifts and sensors."""
     notice: str = ""
     sensors: dict[str, SensorOnPage] = field(default_factory=dict)
-    _lifts: dict[int, LiftOnPage] = field(default_factory=dict)
+    _lifts: dict[int, LiftInView] = field(default_factory=dict)
     _pictures: dict[str, tuple[int, bytes]] = field(default_factory=dict)
     _followed: int | None = None
-    _followed_at_s: float = 0.0
+    _followed_at_s: float = -SILENT_S
 
     def values(self) -> dict[str, Any]:
         """Return the state without images, as JSON values."""
         self.read()
-        lifts = sorted(self._lifts.values(), key=lambda each: each.lift.number)
+        lifts = sorted(self._lifts.values(), key=lambda lift: lift.number)
         return {
             **asdict(self.progress),
             "lifts": [lift.values() for lift in lifts],
@@ -171,7 +205,6 @@ class WatchState:
         return self._pictures.get(serial, (0, None))[1]
 
     def read(self) -> None:
-        """Process the received messages."""
         for message in self.take():
             self.version += 1
             if message.kind == "notice":
@@ -179,27 +212,15 @@ class WatchState:
             elif message.kind == "sensor":
                 self.sensors.setdefault(message.values["sensor"], SensorOnPage()).take(message)
             elif message.picture:
-                self._keep_picture(message)
+                now_s, sender, serial = time.monotonic(), message.values["sender"], message.values["serial"]
+                if sender == self._followed or now_s >= self._followed_at_s + SILENT_S:
+                    self._followed, self._followed_at_s = sender, now_s
+                    number = self._pictures.get(serial, (0, b""))[0] + 1
+                    self._pictures[serial] = (number, message.picture)
             elif "number" in message.values:
-                self._keep_lift(message)
-
-    def _keep_picture(self, message: Message) -> None:
-        now_s, sender, serial = time.monotonic(), message.values["sender"], message.values["serial"]
-        if sender != self._followed and self._followed is not None and now_s < self._followed_at_s + SILENT_S:
-            return
-        self._followed, self._followed_at_s = sender, now_s
-        self._pictures[serial] = (self._pictures.get(serial, (0, b""))[0] + 1, message.picture)
-
-    def _keep_lift(self, message: Message) -> None:
-        values = message.values
-        known = self._lifts.get(values["sender"])
-        if known is None or known.lift.number != values["number"]:
-            self._lifts.pop(values["sender"], None)
-            title = f"{values['object']} {values['name']} lift {values['lift']}"
-            known = self._lifts[values["sender"]] = LiftOnPage(LiftInView(values["number"], title))
-            if len(self._lifts) > KEPT_LIFTS:
-                self._lifts.pop(next(iter(self._lifts)))
-        known.take(message)
+                update_lifts(self._lifts, message)
+                if len(self._lifts) > KEPT_LIFTS:
+                    self._lifts.pop(next(iter(self._lifts)))
 
 
 class StateNews:

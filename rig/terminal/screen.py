@@ -3,9 +3,10 @@
 Names, notes, tags and paths come from files of unknown origin. Escape sequences in them could move the
 cursor, hide or rewrite lines, and set the clipboard; bidirectional controls change the displayed order of a
 line. Therefore all output passes through `plain`: `print` and messages in `PlainStream`, tables and displays
-in `rig.live.console.PlainConsole`.
+in `rig.terminal.tables.PlainConsole`.
 """
 
+import os
 import re
 import shutil
 import sys
@@ -13,10 +14,11 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TextIO
 
+from drivers.clock import NS_PER_S, Clock, SystemClock
+from drivers.errors import RecordingError
 from drivers.progress import Display, show_on
-from rig.live.time_left import TimeLeft, left_text
 
 if TYPE_CHECKING:
     from rich.live import Live
@@ -34,6 +36,16 @@ REFRESH_S = 0.5
 """Time between two updates of the progress on a terminal."""
 PLAIN_EVERY_S = 10.0
 """Time between two lines of progress in other output."""
+LEAST_WORK = 0.05
+"""Least finished fraction of one piece of work for an estimate of the remaining time."""
+MOST_IN_PROGRESS = 0.97
+"""Largest finished fraction of work in progress."""
+LEAST_S = 1.0
+"""Least elapsed time for an estimate: the first report may contain several pieces at once."""
+USUAL_PIECES = 10
+"""Weight of the pace of an earlier run, in pieces: the first pieces of a run include its start."""
+TAIL = 4000
+"""Number of printed characters that are kept."""
 _phase: "_Phase | None" = None
 _shown: "list[Live]" = []
 """The displays of this process that are on the terminal now."""
@@ -41,12 +53,10 @@ _shown: "list[Live]" = []
 
 def plain(text: str) -> str:
     r"""Return a text with control characters escaped as in JSON, such as `\u001b` for an escape character."""
-    return _ACTING.sub(_escaped, text)
-
-
-def _escaped(found: "re.Match[str]") -> str:
-    code = ord(found[0])
-    return f"\\u{code:04x}" if code < 0x10000 else f"\\U{code:08x}"
+    return _ACTING.sub(
+        lambda found: f"\\u{ord(found[0]):04x}" if found[0] < "\U00010000" else f"\\U{ord(found[0]):08x}",
+        text,
+    )
 
 
 def drawn_stream(stream: Any) -> Any:
@@ -74,6 +84,66 @@ class PlainStream:
         """Write an escaped text; return the length of the text."""
         self._stream.write(plain(text))
         return len(text)
+
+
+class TimeLeft:
+    """The remaining time for `total` pieces of work, of which `done` were finished before the measurement.
+
+    usual_s: time per piece in an earlier run, if known.
+    """
+
+    def __init__(
+        self, total: int, done: int = 0, clock: Clock | None = None, usual_s: float | None = None
+    ) -> None:
+        self._clock = clock or SystemClock()
+        self._before = done
+        self._began_ns = self._clock.now_ns()
+        self._newest_ns: int | None = None
+        self._usual_s, self._usual_pieces = usual_s or 0.0, USUAL_PIECES if usual_s else 0
+        self.total, self.done = total, done
+
+    def begin(self) -> None:
+        """Start the measurement of time, from now on."""
+        self._began_ns = self._clock.now_ns()
+
+    def seconds(self, shares: tuple[float, ...] = ()) -> float | None:
+        """Return the remaining time, s; None until enough is done. shares: finished fractions in progress."""
+        in_progress = sum(min(max(share, 0.0), MOST_IN_PROGRESS) for share in shares)
+        worked = self.done - self._before + in_progress
+        elapsed_s = (self._clock.now_ns() - self._began_ns) / NS_PER_S if worked else 0.0
+        if not self._usual_pieces and (worked < LEAST_WORK or elapsed_s < LEAST_S):
+            return None
+        pace_s = (elapsed_s + self._usual_s * self._usual_pieces) / (worked + self._usual_pieces)
+        return pace_s * max(self.total - self.done - in_progress, 0.0)
+
+    def piece_done(self, done: int, total: int) -> None:
+        """Count a finished piece, `done` in total. Time is measured from the end of the first, slower one.
+
+        If fewer pieces are done than before, another part of the work has begun: its pace is measured again.
+        """
+        now_ns = self._clock.now_ns()
+        if self._newest_ns is None or done < self.done:
+            self._before, self._began_ns = done, now_ns
+        self.done, self.total, self._newest_ns = done, total, now_ns
+
+    def counting_down(self) -> float | None:
+        """Return the remaining time at the usual pace, without the progress of the current piece."""
+        done = self.done - self._before
+        if self._newest_ns is None or done <= 0 or self._newest_ns <= self._began_ns:
+            return None
+        usual_ns = (self._newest_ns - self._began_ns) / done
+        return self.seconds(((self._clock.now_ns() - self._newest_ns) / usual_ns,))
+
+
+def left_text(seconds: float | None) -> str:
+    """Return a remaining time as text: "about 1 min 20 s left", or "" if it is unknown."""
+    if seconds is None:
+        return ""
+    whole = round(seconds)
+    if whole < 60:
+        return f"about {whole} s left"
+    minutes, rest = divmod(whole, 60)
+    return f"about {minutes} min {rest} s left" if minutes < 60 else f"about {whole / 3600:.1f} h left"
 
 
 class _Phase:
@@ -136,17 +206,16 @@ class _Phase:
                 self._write(f"{plain(self._name)} ...\n")
                 return
             self._next_s = elapsed_s + (REFRESH_S if self._on_terminal else PLAIN_EVERY_S)
-            text = plain(f"{self._name}: {self._progress(elapsed_s)}")
+            so_far = f"{elapsed_s:.0f} s so far"
+            if self._left is None:
+                progress = f"{self._counted} done, {so_far}" if self._counted else so_far
+            else:
+                left = left_text(self._left.counting_down()) or so_far
+                progress = f"{self._left.done} of {self._left.total}, {left}"
+            text = plain(f"{self._name}: {progress}")
             self._updating = self._on_terminal
             in_a_line = text[: shutil.get_terminal_size().columns - 1]  # a wrapped line could not be updated
             self._write(f"\r{in_a_line}\x1b[K" if self._on_terminal else f"{text}\n")
-
-    def _progress(self, elapsed_s: float) -> str:
-        left = "" if self._left is None else left_text(self._left.counting_down())
-        if self._left is None:
-            counted = f"{self._counted} done, " if self._counted else ""
-            return f"{counted}{elapsed_s:.0f} s so far"
-        return f"{self._left.done} of {self._left.total}, {left or f'{elapsed_s:.0f} s so far'}"
 
     def _write(self, text: str) -> None:
         with suppress(OSError, ValueError):  # the reader has gone
@@ -211,3 +280,79 @@ def _start(display: "Live") -> None:
     """Show a display. It replaces both streams by its own, so wrap them again in `PlainStream`."""
     display.start()
     sys.stdout, sys.stderr = PlainStream(sys.stdout), PlainStream(sys.stderr)  # type: ignore[assignment]
+
+
+class Output:
+    """A stream of this process whose failure does not end the command.
+
+    If the reader has gone (`| head`), further output is discarded and the command continues its other work.
+    needed: whether other write errors, such as a full disk, are raised.
+    """
+
+    def __init__(self, stream: TextIO, needed: bool) -> None:
+        self._stream, self._needed = stream, needed
+        self._newest = ""
+        self.reader_gone = False
+        """Whether the reader of the stream has closed it."""
+
+    def tail(self) -> str:
+        return self._newest
+
+    @property
+    def bare(self) -> TextIO:
+        """The stream itself. Writing to it does not end a phase."""
+        return self._stream
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)
+
+    def write(self, text: str) -> int:
+        end_phase()
+        self._newest = (self._newest + text)[-TAIL:]
+        try:
+            return self._stream.write(text)
+        except OSError as error:
+            self._give_up(error)
+        return len(text)
+
+    def flush(self) -> None:
+        try:
+            self._stream.flush()
+        except OSError as error:
+            self._give_up(error)
+
+    def _give_up(self, error: OSError) -> None:
+        discard([self._stream.fileno()])
+        self.reader_gone = isinstance(error, BrokenPipeError)
+        if self._needed and not isinstance(error, BrokenPipeError):
+            raise RecordingError(
+                f"the output cannot be written ({error.strerror}); results stored so far are complete"
+            ) from error
+
+
+@contextmanager
+def guarded_output() -> Iterator[Output]:
+    """Guard both streams against write errors and control characters; yield standard error.
+
+    Raises `RecordingError` if results cannot be written.
+    """
+    out, err = sys.stdout, sys.stderr
+    said = Output(err, needed=False)
+    sys.stdout, sys.stderr = PlainStream(Output(out, needed=True)), PlainStream(said)  # type: ignore[assignment]
+    try:
+        try:
+            yield said
+        finally:
+            sys.stdout.flush()
+            sys.stderr.flush()
+    finally:
+        end_phase()
+        sys.stdout, sys.stderr = out, err
+
+
+def discard(descriptors: list[int]) -> None:
+    """Redirect descriptors to the null device, so that writing to a closed terminal is no error."""
+    nowhere = os.open(os.devnull, os.O_RDWR)
+    for descriptor in descriptors:
+        os.dup2(nowhere, descriptor)
+    os.close(nowhere)

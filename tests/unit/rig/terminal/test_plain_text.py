@@ -9,8 +9,8 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
-from rig.live.console import PlainConsole
-from rig.live.screen import PlainStream, plain, set_aside, shown
+from rig.terminal.screen import PlainStream, plain, set_aside, shown
+from rig.terminal.tables import PlainConsole
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, TypeVar
 
-from rig.live.screen import set_aside
+from rig.terminal.screen import set_aside
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,35 +24,34 @@ class Event:
 
 
 Row = TypeVar("Row")
-Tell = Callable[[Event], None]
+Observer = Callable[[Event], None]
 """Takes an event; never blocks, never raises."""
-_observers: list[Tell] = []
+_observers: list[Observer] = []
 _report_pages: list[Callable[[Path], None]] = []
 """Functions that show the report of the command once it is written."""
 
 
-def tell(event: Event) -> None:
-    """Pass an event to all observers."""
+def announce(event: Event) -> None:
     for observer in _observers:
         observer(event)
 
 
-def telling(
+def announcing(
     show: Callable[[int, int, Row], None], note: Callable[[Row], str], fault: Callable[[Row], str | None]
 ) -> Callable[[int, int, Row], None]:
     """Return a function that shows each finished piece of work, then passes it and its fault to observers."""
 
     def progress(done: int, total: int, row: Row) -> None:
         show(done, total, row)
-        tell(Event("progress", note(row), done, total))
+        announce(Event("progress", note(row), done, total))
         if failed := fault(row):
-            tell(Event("fault", failed))
+            announce(Event("fault", failed))
 
     return progress
 
 
 @contextmanager
-def observed_by(observer: Tell) -> Iterator[None]:
+def observed_by(observer: Observer) -> Iterator[None]:
     """Pass all events to an observer, finally one with the outcome of the command."""
     _observers.append(observer)
     try:
@@ -72,7 +71,6 @@ def report_to(page: Callable[[Path], None]) -> Callable[[], None]:
 
 
 def report_written(file: Path) -> None:
-    """Pass on the path of the command's report."""
     for page in _report_pages:
         page(file)
 
@@ -82,8 +80,8 @@ def asked(question: str) -> Iterator[None]:
     """Free the terminal for a question, and send it to observers unless it is "" (sent before)."""
     with set_aside():
         if question:
-            tell(Event("question", question))
+            announce(Event("question", question))
         try:
             yield
         finally:
-            tell(Event("answered"))
+            announce(Event("answered"))

@@ -1,0 +1,1 @@
+"""The terminal: escaped output, phases and progress, tables, questions, and observers of a command."""

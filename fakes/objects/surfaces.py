@@ -2,7 +2,7 @@
 
 A surface is the height map that one fingertip touches: heights away from the gel in mm, over object
 coordinates (columns along the object's x axis, rows down). The opposite finger touches the mirror image.
-Textures are added to a shape. Soft objects have faces of their own: in real recordings a handle, a rubber or
+Textures are added to a shape. Soft objects have special faces: in real recordings a handle, a rubber or
 a fruit fills the contact with a broad faint bulge, which is mostly the shape of the gel and therefore does
 not turn. Only the fine relief turns with the object: a line, an edge, a crease or the skin.
 """

@@ -17,6 +17,8 @@ from protocols.safe_end import safe_end
 from protocols.slip_trial import run_lift
 from protocols.steps import CLEARANCE_M, LOWER_SPEED_M_S, MOTION_TIMEOUT_S, move
 
+LiftOf = Callable[..., Any]
+
 
 def raise_table(bench: Any, floor_z_m: float) -> None:
     """Make the simulated table higher than in the bench file."""
@@ -26,7 +28,7 @@ def raise_table(bench: Any, floor_z_m: float) -> None:
     world.layout = replace(world.layout, floor_z_m=floor_z_m)
 
 
-def test_arm_stops_and_rises_if_the_fingers_meet_the_table(lift_of: Callable[[], Any]) -> None:
+def test_arm_stops_and_rises_if_the_fingers_meet_the_table(lift_of: LiftOf) -> None:
     lift = lift_of()
     grasp_z_m = lift.plan.base_T_grasp.position_m[2]
     floor_z_m = grasp_z_m + 0.02
@@ -41,9 +43,7 @@ def test_arm_stops_and_rises_if_the_fingers_meet_the_table(lift_of: Callable[[],
     assert lift.height_m == pytest.approx(CLEARANCE_M, abs=2e-3)
 
 
-def test_force_limit_is_that_of_the_bench_file(
-    lift_of: Callable[[], Any], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_force_limit_is_that_of_the_bench_file(lift_of: LiftOf, monkeypatch: pytest.MonkeyPatch) -> None:
     lift = lift_of()
     limits = replace(lift.bench.arm.limits, max_contact_force_n=1e4)
     monkeypatch.setattr(FakeArm, "limits", property(lambda arm: limits))
@@ -52,12 +52,12 @@ def test_force_limit_is_that_of_the_bench_file(
 
 
 @pytest.mark.slow
-def test_setting_down_an_object_is_not_reported_as_contact(lift_of: Callable[..., Any]) -> None:
+def test_setting_down_an_object_is_not_reported_as_contact(lift_of: LiftOf) -> None:
     for object_id in ("t1", "7", "9"):
         assert lift_of(object_id).run() == "done"
 
 
-def test_lost_gripper_stops_the_descent(lift_of: Callable[[], Any], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_lost_gripper_stops_the_descent(lift_of: LiftOf, monkeypatch: pytest.MonkeyPatch) -> None:
     lift = lift_of()
     half_m = lift.plan.base_T_grasp.position_m[2] + CLEARANCE_M / 2
     original = FakeGripper.state
@@ -89,7 +89,7 @@ NAN = float("nan")
     ],
 )
 def test_descent_stops_at_invalid_wrench(
-    lift_of: Callable[[], Any], monkeypatch: pytest.MonkeyPatch, before: Any, after: Any
+    lift_of: LiftOf, monkeypatch: pytest.MonkeyPatch, before: Any, after: Any
 ) -> None:
     """Comparisons with NaN are false, so the arm would push with any force."""
     lift = lift_of()
@@ -111,7 +111,7 @@ def test_descent_stops_at_invalid_wrench(
 
 
 def test_lift_ends_as_a_fault_at_invalid_wrench_on_the_way_up(
-    lift_of: Callable[[], Any], monkeypatch: pytest.MonkeyPatch
+    lift_of: LiftOf, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     lift = lift_of()
     felt = FlangeSensor.sense
@@ -128,7 +128,7 @@ def test_lift_ends_as_a_fault_at_invalid_wrench_on_the_way_up(
 
 
 def test_descent_of_an_arm_without_force_sensor_is_not_guarded(
-    lift_of: Callable[[], Any], monkeypatch: pytest.MonkeyPatch
+    lift_of: LiftOf, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     lift = lift_of()
     limits = replace(lift.bench.arm.limits, max_contact_force_n=None)
@@ -138,7 +138,7 @@ def test_descent_of_an_arm_without_force_sensor_is_not_guarded(
 
 
 def test_missing_wrench_stops_the_descent_of_an_arm_with_force_sensor(
-    lift_of: Callable[[], Any], monkeypatch: pytest.MonkeyPatch
+    lift_of: LiftOf, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     lift = lift_of()
     start = lift.bench.arm.state().base_T_tcp
@@ -149,7 +149,7 @@ def test_missing_wrench_stops_the_descent_of_an_arm_with_force_sensor(
 
 
 def test_moving_fingers_stop_if_their_state_becomes_invalid(
-    lift_of: Callable[[], Any], monkeypatch: pytest.MonkeyPatch
+    lift_of: LiftOf, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     lift = lift_of()
     gripper, clock = lift.bench.gripper, lift.bench.clock

@@ -123,12 +123,9 @@ def test_probe_of_a_controller_returns_its_version(peer: Peer, cut: int) -> None
     assert probe_controller(peer.host, 2.0, CLOCK) == (5, 11, 0, 1)
 
 
-def test_unreachable_controller_is_reported(peer: Peer) -> None:
+def test_unreachable_controller_and_closed_script_port_are_reported(peer: Peer) -> None:
     with pytest.raises(DeviceError, match=r"cannot reach.*cable"):
         probe_controller(peer.host, LIMIT_S, CLOCK)
-
-
-def test_closed_script_port_is_reported(peer: Peer) -> None:
     peer.listen(RTDE, controller())
     with pytest.raises(DeviceError, match="30003"):
         probe_controller(peer.host, LIMIT_S, CLOCK)

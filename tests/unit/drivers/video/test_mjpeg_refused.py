@@ -46,6 +46,7 @@ def test_images_of_another_size_are_refused_and_named(serve) -> None:
         (answer(b""), "check the server"),
         (answer(HEAD % (b"b", b"")), "closed the connection"),
         (answer(HEAD % (b"b", b"Transfer-Encoding: chunked\r\n") + b"zz\r\n"), "check the server"),
+        (silent_after(0, 2.5), "no image within"),
     ],
 )
 def test_server_without_a_stream_is_refused_and_named(serve, behaviour: Behaviour, message: str) -> None:
@@ -76,11 +77,6 @@ def test_silent_server_times_out_and_is_reopened(serve) -> None:
         began = time.monotonic()
     assert time.monotonic() - began < LIMIT_S
     assert server.connections >= 2
-
-
-def test_server_that_never_sends_an_image_times_out(serve) -> None:
-    with pytest.raises(DeviceError, match="no image within"):
-        ExternalCamera("C1", serve(silent_after(0, 2.5)).url, 30.0).connect()
 
 
 @pytest.mark.fuzz

@@ -4,7 +4,7 @@ The value is at the top level, in the layout that is usual in its field (for a c
 Information about the value is under the key `calibration`.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
@@ -35,9 +35,9 @@ class CalibrationFile:
     serials: Mapping[str, str]
     value: Mapping[str, Any]
     assessment: Assessment
-    created: str
+    created: str = ""
     quality: Mapping[str, Any] = field(default_factory=dict)
-    rejected: tuple[Rejected, ...] = ()
+    rejected: Sequence[Rejected] = ()
     inputs: Mapping[str, Any] = field(default_factory=dict)
     software: Mapping[str, str] = field(default_factory=dict)
 

@@ -60,8 +60,9 @@ def camera_from_folder(
     found = {name: target.find(read_image(path, grey=True), name) for name, path in steps(files.items())}
     rejected = [Rejected(name, reason) for name, reason in found.items() if isinstance(reason, str)]
     read = CalibrationResult(
-        "camera", {"camera": serial}, Assessment(), str(folder), rejected=rejected, files=list(files.values())
-    )
+        "camera", {"camera": serial}, {}, Assessment(), source=str(folder), rejected=rejected,
+        files=list(files.values()),
+    )  # fmt: skip
     try:
         fit = calibrate_camera([v for v in found.values() if isinstance(v, View)], keep_all=keep_all)
     except CalibrationError as error:
@@ -208,8 +209,6 @@ def markers_from_folder(
     return CalibrationResult(
         "markers",
         {"camera": serial},
-        report.assessment,
-        str(folder),
         {
             "dictionary": dictionary,
             "ids": ids,
@@ -218,14 +217,16 @@ def markers_from_folder(
             "angle_sigma_deg": report.sigma_deg,
             "turn_sigma_deg": turn_sigma_deg,
         },
-        {
+        report.assessment,
+        source=str(folder),
+        quality={
             "square_fit_px": plane.fit_px,
             "drift_deg": report.drift_deg,
             "turn_sigma_camera_deg": report.camera_sigma_deg,
             "refused_pictures": report.refused,
         },
-        numbers,
-        len(files),
+        numbers=numbers,
+        used=len(files),
         files=files,
         pictures=[
             figures.residuals(

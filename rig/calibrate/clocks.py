@@ -73,9 +73,9 @@ def sync_from_folder(folder: Path, first: str, second: str, search_s: float) -> 
         text = "The second is shifted by the offset and scaled; both should coincide."
         pictures = [figures.curves("Both streams", text, shown, "time, s", "value without its mean")]
     return CalibrationResult(
-        "sync", {"reference": first, "stream": second}, found.assessment, str(folder), value,
-        {name: figure for name, figure in quality.items() if figure is not None}, numbers, found.used,
-        files=paths, pictures=pictures,
+        "sync", {"reference": first, "stream": second}, value, found.assessment, source=str(folder),
+        quality={name: figure for name, figure in quality.items() if figure is not None},
+        numbers=numbers, used=found.used, files=paths, pictures=pictures,
     )  # fmt: skip
 
 

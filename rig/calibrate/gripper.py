@@ -72,11 +72,12 @@ def gripper_from_folder(folder: Path, serial: str, step_m: float = STEP_M) -> Ca
     labels = "gripper position, counts", "opening, mm", "o-"
     used = result.tables.get(Direction.CLOSING)
     return CalibrationResult(
-        "gripper", {"gripper": serial}, result.assessment, str(folder),
-        {"closing": {"counts": used.counts, "opening_m": used.opening_m}} if used else {},
-        {} if result.hysteresis_m is None else {"hysteresis_m": result.hysteresis_m},
-        numbers, len(samples) - len(result.rejected), result.rejected, [path],
-        [figures.curves("Opening over counts", text, curves, *labels)] if curves else [],
+        "gripper", {"gripper": serial},
+        {"closing": {"counts": used.counts, "opening_m": used.opening_m}} if used else {}, result.assessment,
+        quality={} if result.hysteresis_m is None else {"hysteresis_m": result.hysteresis_m},
+        source=str(folder), numbers=numbers, used=len(samples) - len(result.rejected),
+        rejected=result.rejected, files=[path],
+        pictures=[figures.curves("Opening over counts", text, curves, *labels)] if curves else [],
     )  # fmt: skip
 
 
@@ -172,8 +173,9 @@ def tip_from_folder(
                 "from tcp_m to the tip, along the tool's axes": _mm(out_m),
             }
     return CalibrationResult(
-        "tcp", {"tool": serial}, assessment, str(folder), value, quality, numbers,
-        len(found.residual_m or ()), [*rejected, *found.rejected], [path], pictures,
+        "tcp", {"tool": serial}, value, assessment, quality=quality, source=str(folder), numbers=numbers,
+        used=len(found.residual_m or ()), rejected=[*rejected, *found.rejected], files=[path],
+        pictures=pictures,
     )  # fmt: skip
 
 

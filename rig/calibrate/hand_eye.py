@@ -134,8 +134,9 @@ def _filed(
         text = "Axes of each frame, in the robot's base frame; the longest is z: the camera looks along it."
         pictures = [figures.poses(text, groups), *pictures]
     return CalibrationResult(
-        "hand-eye", {"camera": serial}, found.assessment, str(folder), value, quality, numbers,
-        len(found.used), [*rejected, *found.rejected], files, pictures,
+        "hand-eye", {"camera": serial}, value, found.assessment, quality=quality, source=str(folder),
+        numbers=numbers, used=len(found.used), rejected=[*rejected, *found.rejected], files=files,
+        pictures=pictures,
     )  # fmt: skip
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from calibration.store import CalibrationFile, plain, save, write_bytes
-from calibration.verdict import Assessment, Rejected, Verdict
+from calibration.verdict import Verdict
 from drivers.errors import CalibrationError
 from rig.calibrate.figures import Picture
 from rig.pages.page import render
@@ -18,24 +18,18 @@ from rig.version import VERSION
 
 
 @dataclass(frozen=True, slots=True)
-class CalibrationResult:
-    """A calibration before it is filed.
+class CalibrationResult(CalibrationFile):
+    """A calibration with what its page shows, before it is filed.
 
-    source: folder of the samples. value, quality: as in the file. numbers: the figures at the top of the
-    page, as text. used: number of samples. files: the samples, for the hash. thumbnails: PNG bytes of
-    rejected samples by id. part: of the kind, if it has several files. attached: content of further files of
-    the same name, by suffix; not written if refused.
+    source: folder of the samples. numbers: the figures at the top of the page, as text. used: number of
+    samples. files: the samples, for the hash. thumbnails: PNG bytes of rejected samples by id. part: of the
+    kind, if it has several files. attached: content of further files of the same name, by suffix; not written
+    if refused.
     """
 
-    kind: str
-    serials: Mapping[str, str]
-    assessment: Assessment
-    source: str
-    value: Mapping[str, Any] = field(default_factory=dict)
-    quality: Mapping[str, Any] = field(default_factory=dict)
+    source: str = ""
     numbers: Mapping[str, str] = field(default_factory=dict)
     used: int = 0
-    rejected: Sequence[Rejected] = ()
     files: Sequence[Path] = ()
     pictures: Sequence[Picture] = ()
     thumbnails: Mapping[str, bytes] = field(default_factory=dict)
@@ -59,9 +53,9 @@ def file_result(result: CalibrationResult, folder: Path) -> dict[str, Any]:
     part = [result.part] if result.part else []
     stem = "-".join([result.kind, *part, *result.serials.values()])
     path, page = folder / f"{stem}.yaml", folder / f"{stem}.html"
-    filed, verdict = _as_file(result), result.assessment.verdict
-    save(filed, path)
-    write_bytes(page, _page(result, filed).encode())
+    result, verdict = _dated(result), result.assessment.verdict
+    save(result, path)
+    write_bytes(page, _page(result).encode())
     if verdict is Verdict.REFUSED:
         reasons = "; ".join(result.assessment.refusals)
         raise CalibrationError(
@@ -85,7 +79,7 @@ def file_result(result: CalibrationResult, folder: Path) -> dict[str, Any]:
     return plain(figures, str(path))
 
 
-def _page(result: CalibrationResult, filed: CalibrationFile) -> str:
+def _page(result: CalibrationResult) -> str:
     kind = "TCP" if result.kind == "tcp" else f"{result.kind[:1].upper()}{result.kind[1:]}"
     found = (("bad", result.assessment.refusals), ("warn", result.assessment.doubts))
     notices = [
@@ -109,27 +103,22 @@ def _page(result: CalibrationResult, filed: CalibrationFile) -> str:
         ],
         reasons=notices or [Notice("good", "All measured values are within their limits.", "")],
         rotates=any('class="poses"' in picture.svg for picture in result.pictures),
-        created=f"{filed.created[:16].replace('T', ' ')} UTC",
-        software=", ".join(f"{name} {number}" for name, number in filed.software.items()),
-        inputs=filed.inputs,
+        created=f"{result.created[:16].replace('T', ' ')} UTC",
+        software=", ".join(f"{name} {number}" for name, number in result.software.items()),
     )
 
 
-def _as_file(result: CalibrationResult) -> CalibrationFile:
+def _dated(result: CalibrationResult) -> CalibrationResult:
+    """Return a result with the time, the hash of its samples and the versions of the software."""
     digest = sha256()
     for path in sorted(result.files):
         digest.update(path.name.encode())
         digest.update(path.read_bytes())
     inputs = {"source": result.source, "used": result.used, "sha256": digest.hexdigest()}
     software = {name: version(name) for name in ("opencv-contrib-python-headless", "numpy")}
-    return CalibrationFile(
-        kind=result.kind,
-        serials=result.serials,
-        value=result.value,
-        assessment=result.assessment,
+    return replace(
+        result,
         created=datetime.now(UTC).isoformat(timespec="seconds"),
-        quality=result.quality,
-        rejected=tuple(result.rejected),
         inputs=inputs | ({"simulated": True} if result.simulated else {}),
         software={"visuotactile-slip-rig": VERSION} | software,
     )

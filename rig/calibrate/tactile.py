@@ -63,7 +63,7 @@ def tactile_from_folder(
     """
     presses = read_press_folder(folder, ball_mm, background, circles, untouched)
     result = CalibrationResult(
-        "tactile", {"tactile": serial}, Assessment(), str(folder), rejected=presses.rejected,
+        "tactile", {"tactile": serial}, {}, Assessment(), source=str(folder), rejected=presses.rejected,
         files=presses.files,
         thumbnails=thumbnails(
             presses.rejected, {r.id: presses.folder / r.id for r in presses.rejected}, grey=False
@@ -393,12 +393,12 @@ def _reference_result(reference: Reference, serial: str, folder: Path, simulated
     return CalibrationResult(
         "tactile",
         {"tactile": serial},
-        assessment,
-        f"{_FRAMES} frames at rest",
         {"image_height": rows, "image_width": columns, "reference_image": path.name},
-        quality,
-        numbers,
-        _FRAMES,
+        assessment,
+        source=f"{_FRAMES} frames at rest",
+        quality=quality,
+        numbers=numbers,
+        used=_FRAMES,
         files=[path] if path.exists() else [],
         pictures=[figures.image("Reference", "The mean of the frames.", mean)],
         simulated=simulated,

@@ -93,12 +93,12 @@ def teach(
         for name in lesson.positions:
             found.append(_taught(lesson, name, bench, operator))
             v = found[-1].values
-            told = (
+            summary = (
                 f"'{name}': {1e3 * v['offset_m']:+.1f} mm along the object, {1e3 * v['height_m']:+.1f} mm "
                 f"over the mark, turned by {v['turn_deg']:+.1f} deg, {1e3 * v['width_m']:.1f} mm wide, "
                 f"lifted by {1e3 * v['lift_height_m']:.0f} mm"
             )
-            say("; ".join([told, *found[-1].problems]))
+            say("; ".join([summary, *found[-1].problems]))
         return found
 
 

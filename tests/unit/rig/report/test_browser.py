@@ -93,7 +93,7 @@ def calibration(folder: Path) -> Path:
         8, 10, 5, "{value} samples used; 15 are good"
     )
     result = CalibrationResult(
-        "sync", {"stream": "SIM-C0001"}, checked, "folder", {"add_to_stream_s": 0.001},
+        "sync", {"stream": "SIM-C0001"}, {"add_to_stream_s": 0.001}, checked, source="folder",
         numbers=numbers, used=40, pictures=pictures, simulated=True,
     )  # fmt: skip
     return Path(file_result(result, folder)["page"])

@@ -81,7 +81,7 @@ def table_of(
 ) -> Table:
     """Return a table with a row per item. columns: an item's text for each heading. total: the last row."""
     rows = [[cell(item) for cell in columns.values()] for item in items]
-    return Table(list(columns), [*rows, *([total] if total else [])], text, bool(total), filters or {})
+    return Table(tuple(columns), [*rows, *([total] if total else [])], text, bool(total), filters or {})
 
 
 @dataclass(frozen=True, slots=True)

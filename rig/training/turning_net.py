@@ -44,10 +44,10 @@ class TurningNet(nn.Module):
     def __init__(self) -> None:
         super().__init__()
         first, second, third, fourth = _PLANES
-        self.halved = layer(3, first, 2)
-        self.quarter = nn.Sequential(layer(first, second, 2), _Residual(second))
-        self.eighth = nn.Sequential(layer(second, third, 2), _Residual(third))
-        self.sixteenth = nn.Sequential(layer(third, fourth, 2), _Residual(fourth))
+        self.halved = layer(3, first, stride=2)
+        self.quarter = nn.Sequential(layer(first, second, stride=2), _Residual(second))
+        self.eighth = nn.Sequential(layer(second, third, stride=2), _Residual(third))
+        self.sixteenth = nn.Sequential(layer(third, fourth, stride=2), _Residual(fourth))
         self.to_third, self.to_second = nn.Conv2d(fourth, third, 1), nn.Conv2d(third, second, 1)
         self.at_eighth, self.at_quarter = layer(third, third), layer(second, second)
         self.upscaled = nn.Sequential(nn.Conv2d(second, 4, 1), nn.PixelShuffle(2))

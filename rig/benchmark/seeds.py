@@ -119,7 +119,7 @@ def recorded_lift(
     settings, fault = TrialSettings(bench, case.seed, choice or choose_estimator()), None
     for attempt in range(MAX_FAULTS_IN_A_ROW):
         with tempfile.TemporaryDirectory(prefix="rig_seeds_") as folder:
-            task = LiftTask(1, case.object_id, case.lift, attempt)
+            task = LiftTask(1, case.object_id, case.lift, attempt=attempt)
             done = attempt_lift(settings, task, folder=Path(folder))
             recording, fault = done.files.get(task.recording), done.fault
             if done.row.accepted and isinstance(recording, Path):

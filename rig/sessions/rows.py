@@ -45,9 +45,9 @@ def rows_and_problems(path: Path, codec: Codec[Record]) -> tuple[list[Record], l
 
 
 def readable_rows(path: Path, codec: Codec[Record]) -> tuple[list[Record], dict[int, str]]:
-    """Return the readable records of a file of lines, and what is wrong with the other lines, by number.
+    """Return the readable records of a file of lines, and the errors of the other lines by number, from 1.
 
-    Numbers are from 1. Raises `SessionError` if the file cannot be read.
+    Raises `SessionError` if the file cannot be read.
     """
     rows: list[Record] = []
     damaged: dict[int, str] = {}

@@ -147,7 +147,7 @@ def measure_wire(folder: Path, object_id: str, seeds: int = 20, bench: BenchConf
         status = benches.call("status")
     row = read_finished_lifts(folder)[0]
     begin_phase(f"lifting with {seeds} seeds in this process")
-    fake, task = load_bench("fake"), LiftTask(1, row.object, row.lift, row.attempt)
+    fake, task = load_bench("fake"), LiftTask(1, row.object, row.lift, attempt=row.attempt)
     return WireLift(
         streams=_streams(folder, row, benches.config, status["devices"]),
         state_hz=benches.state_hz,

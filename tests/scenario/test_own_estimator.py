@@ -58,13 +58,12 @@ def not_imported(lab: Path) -> Callable[[], bool]:
     return lambda: not lab.exists() and MODULE not in sys.modules
 
 
-def test_own_estimator_gives_the_rows_of_the_one_it_wraps(session: Path, two_lifts: Path) -> None:
+def test_own_estimator_gives_the_rows_of_the_one_it_wraps_also_in_a_replay(
+    session: Path, two_lifts: Path
+) -> None:
     rows = read_finished_lifts(session)
     assert read_finished_lifts(two_lifts) == rows
     assert all(row.answered > 0.5 and row.estimator_faults is None for row in rows)
-
-
-def test_replay_naming_own_estimator_is_identical(session: Path) -> None:
     done = rig("replay", session, "--estimator", MINE, "--jobs", "1", "--json")
     assert done.returncode == 0, done.stderr
     assert json.loads(done.stdout)["identical"] == 2

@@ -11,6 +11,7 @@ import pytest
 from drivers.errors import InputError
 from protocols.reaction import ReactionKind
 from rig.benchmark.reaction import times_of
+from rig.benchmark.wire.campaign import as_real
 from rig.config import load_bench
 from rig.experiments.lift_attempt import attempt_lift
 from rig.experiments.lift_plan import (
@@ -95,10 +96,11 @@ def test_row_has_times_angles_and_counts_of_the_reaction(caught: Lift) -> None:
     assert set(caught.slip_thresholds or {}) == set(caught.contact_area_px)
 
 
-def test_replay_of_a_reaction_is_identical(folder: Path, caught: Lift) -> None:
-    replay = run_replay(stored_trial(folder), jobs=1)
-    assert replay.identical == 1
-    assert replay.rows == [caught]
+def test_replay_of_a_reaction_is_identical_and_counts_the_caught_lifts(folder: Path, caught: Lift) -> None:
+    shown = rig("replay", folder, "--jobs", 1, "--json")
+    assert shown.returncode == 0, shown.stderr
+    figures = json.loads(shown.stdout)
+    assert (figures["identical"], figures["react"], figures["caught"]) == (1, "tighten", 1)
 
 
 def test_replay_with_other_estimator_has_the_commands_and_no_event(folder: Path, caught: Lift) -> None:
@@ -153,15 +155,7 @@ def test_impossible_or_forbidden_reaction_is_rejected_first() -> None:
         require_reaction(tighten, ["t1", "3"])
     with pytest.raises(InputError, match="estimates no angular rate"):
         require_reaction(replace(tighten, estimator=choose_estimator("pca")), ["t1"])
-    real = lighter().model_copy(update={"gripper": load_bench("wire").gripper, "fakes": None})
-    arm = load_bench("wire").arm
-    real = real.model_copy(
-        update={
-            "arm": arm,
-            "camera": real.camera.model_copy(update={"driver": "camera"}),
-            "tactile": tuple(t.model_copy(update={"driver": "digit"}) for t in real.tactile),
-        }
-    )
+    real = as_real(load_bench("wire"))
     assert not real.simulated
     with pytest.raises(InputError, match="reactions_allowed = true"):
         require_reaction(replace(tighten, bench=real), ["t1"])
@@ -183,11 +177,3 @@ def test_object_without_largest_grip_is_rejected_before_the_session(tmp_path: Pa
     assert done.returncode == 2
     assert "largest_grip_mm" in done.stderr
     assert not (tmp_path / "s").exists()
-
-
-@pytest.mark.long
-def test_replay_prints_the_number_of_caught_lifts(folder: Path, summary: TrialSummary) -> None:
-    shown = rig("replay", folder, "--json")
-    assert shown.returncode == 0
-    figures = json.loads(shown.stdout)
-    assert (figures["react"], figures["caught"]) == ("tighten", 1)

@@ -48,9 +48,25 @@ def segmentation(nodes: Sequence[bytes], tensors: Sequence[bytes] = (), more: by
     ends = [node("Slice", ["x", "from", "to", "to"], ["c"]), node("Add", ["c", "m"], ["y"])]
     first = field(1, 1) + field(2, INT64) + field(8, "from") + field(7, b"\0")
     ints = [first, tensor("to", [1], whole=[1])]
-    graph = b"".join(field(1, each) for each in [*nodes, maximum, *ends]) + field(2, "g")
-    graph += b"".join(field(5, each) for each in [*ints, *tensors]) + more
-    graph += field(11, _value("x", (1, 3, 32, 32))) + field(12, _value("y", (1, 1, 32, 32)))
+    return model([*nodes, maximum, *ends], [*ints, *tensors], more)
+
+
+def identity_model(shape: Sequence[int], metadata: bytes = b"") -> bytes:
+    """Encode a network that returns its input. metadata: of the rig."""
+    extra = field(14, field(1, "rig") + field(2, metadata)) if metadata else b""
+    return model([node("Identity", ["x"], ["y"])], shapes=(shape, shape)) + extra
+
+
+def model(
+    nodes: Sequence[bytes],
+    tensors: Sequence[bytes] = (),
+    more: bytes = b"",
+    shapes: tuple[Sequence[int], Sequence[int]] = ((1, 3, 32, 32), (1, 1, 32, 32)),
+) -> bytes:
+    """Encode a model that maps `x` to `y`. shapes: of both. more: further fields of its graph."""
+    graph = b"".join(field(1, each) for each in nodes) + field(2, "g")
+    graph += b"".join(field(5, each) for each in tensors) + more
+    graph += field(11, _value("x", shapes[0])) + field(12, _value("y", shapes[1]))
     return field(1, 8) + field(7, graph) + field(8, field(1, "") + field(2, 17))
 
 

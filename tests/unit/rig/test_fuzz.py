@@ -29,7 +29,7 @@ from rig.sessions.reading import recorded_frames, show_again
 from rig.sessions.recording_file import check_recording
 from rig.tactile.contact.network import load_network
 from support.fuzz import BYTES, answered, changed, fuzzed
-from support.onnx_files import identity_model
+from support.onnx_bytes import identity_model
 
 STORED = Path(__file__).parents[2] / "data"
 JSON = (b"null", b"[]", b"{}", b"-1", b"1e999", b"9" * 25, b'"x"', b"true", b"../../x", b",", b":", b'"',

@@ -42,10 +42,10 @@ def misfit(background: Image, frames: Iterable[Image]) -> str:
     return check.misfit
 
 
-@pytest.fixture(scope="module", params=[1, -1])
-def desk(request: pytest.FixtureRequest) -> list[Frame]:
+@pytest.fixture(scope="module")
+def desk() -> list[Frame]:
     """Frames of a simulated press, 30 per second: 1 s without contact, then a touch and a turn."""
-    return list(desk_frames(8.0, request.param))
+    return list(desk_frames(8.0))
 
 
 def background_of(desk: Sequence[Frame]) -> Image:

@@ -48,8 +48,7 @@ def test_a_window_out_of_range_is_an_input_error(blank: Image, window: int) -> N
 
 
 @pytest.mark.parametrize("name", MENDED)
-@pytest.mark.parametrize("start_deg", [-10.0, 30.0, 80.0, 170.0])
-@pytest.mark.parametrize("turn_deg", [25.0, -25.0])
+@pytest.mark.parametrize(("start_deg", "turn_deg"), [(-10.0, 25.0), (80.0, 25.0), (170.0, -25.0)])
 def test_rotation_does_not_depend_on_the_initial_angle(
     press: Draw, blank: Image, name: str, start_deg: float, turn_deg: float
 ) -> None:
@@ -65,7 +64,7 @@ def test_angles_pass_180_without_a_jump(press: Draw, blank: Image) -> None:
     assert np.diff(found) == pytest.approx(np.full(19, 20.0), abs=1.5)
 
 
-@pytest.mark.parametrize("window", range(2, 11))
+@pytest.mark.parametrize("window", [2, 10])
 def test_window_is_the_mean_of_the_last_angles(press: Draw, blank: Image, window: int) -> None:
     images = [press(4.0 * i) for i in range(14)]
     single = angles(run(choose_estimator("pca", 1).make(blank), images))

@@ -43,11 +43,3 @@ def test_angle_continues_after_a_time_without_contact(press: Press, blank: Image
     assert {s.state for s in samples[8:48]} == {State.NO_CONTACT}
     assert samples[48].state is State.REKEYED
     assert samples[-1].angle_deg == pytest.approx(10.0, abs=1.5)
-
-
-def test_repeated_frame_is_ignored(press: Press, blank: Image) -> None:
-    estimator = choose_estimator("ecc").make(blank)
-    first = estimator.update(press(0.0), FRAME_NS)
-    again = estimator.update(press(9.0), FRAME_NS)
-    assert (again.time_ns, again.state, again.angle_deg) == (first.time_ns, State.LOST, None)
-    assert estimator.update(press(0.0), 2 * FRAME_NS).state is not State.LOST

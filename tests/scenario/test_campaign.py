@@ -6,7 +6,6 @@ import shutil
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
@@ -23,6 +22,7 @@ from rig.sessions.table_files import Line
 from rig.tactile.estimators import choose_estimator
 from support.command_line import rig
 from support.own_estimators import MODULE, own_estimators
+from support.waiting import until
 
 
 @pytest.fixture(scope="module")
@@ -78,9 +78,7 @@ def test_killed_replay_resumes_after_its_last_lift(sessions: Path, tmp_path: Pat
     out = tmp_path / "killed"
     command = ["replay", str(sessions / "a"), "--jobs", "1", "--out", str(out), "--resume"]
     process = subprocess.Popen(command_of(*command), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    deadline = time.monotonic() + 120.0
-    while not kept_rows(out) and time.monotonic() < deadline:
-        time.sleep(0.02)
+    until(lambda: bool(kept_rows(out)))
     process.send_signal(signal.SIGKILL)
     process.wait(timeout=120)
     kept = kept_rows(out)

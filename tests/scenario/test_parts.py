@@ -21,7 +21,7 @@ from rig.calibrate.from_tables import sync_from_folder
 from rig.config import BENCHES, load_bench
 from rig.experiments.pose_attempt import RecordSettings
 from rig.experiments.record import run_record
-from rig.sessions.manifest import RecordManifest, read_manifest
+from rig.sessions.manifest import read_manifest
 from rig.sessions.rows import read_poses
 from support.command_line import rig
 from support.own_estimators import forget
@@ -84,9 +84,8 @@ class Gel:
 
 @pytest.fixture
 def desk(tmp_path: Path) -> Path:
-    file = tmp_path / "desk.toml"
-    file.write_text(DESK)
-    return file
+    (tmp_path / "desk.toml").write_text(DESK)
+    return tmp_path / "desk.toml"
 
 
 @pytest.fixture
@@ -101,6 +100,14 @@ def real_gel(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     forget()
 
 
+def mixed_bench(folder: Path) -> Path:
+    """Write the file of a simulated bench with two real sensors."""
+    head, *tips = (BENCHES / "fake.toml").read_text().split("[[tactile]]")
+    tips = [tip.replace('driver = "fake"', 'driver = "desk_gel:Gel"', 1) for tip in tips]
+    (folder / "mixed.toml").write_text("[[tactile]]".join([head, *tips]))
+    return folder / "mixed.toml"
+
+
 def test_one_simulated_sensor_is_recorded_by_hand_and_marked(desk: Path, tmp_path: Path) -> None:
     folder = tmp_path / "s"
     command = ["record", "--object", "7", "--by", "hand", "--bench", desk, "--out", folder, "--json"]
@@ -109,7 +116,6 @@ def test_one_simulated_sensor_is_recorded_by_hand_and_marked(desk: Path, tmp_pat
     assert (figures["poses_accepted"], figures["images_accepted"]) == (2, 5)
     assert "SIMULATED 5 images in 2 poses" in shown.stderr
     manifest = read_manifest(folder)
-    assert isinstance(manifest, RecordManifest)
     assert (manifest.by, manifest.simulated, manifest.serials) == ("hand", True, ("SIM-D0001",))
     images = [image for row in read_poses(folder) for image in row.images]
     assert {image.grip_counts for image in images} == {None}
@@ -132,7 +138,6 @@ def test_whole_simulated_bench_is_recorded_by_hand_with_its_fingertips_alone(tmp
     serials = [image.serial for row in read_poses(tmp_path / "s") for image in row.images]
     assert serials == ["SIM-D0001"] * 2 + ["SIM-D0002"] * 2
     manifest = read_manifest(tmp_path / "s")
-    assert isinstance(manifest, RecordManifest)
     assert not any(manifest.config.has(section) for section in ("arm", "gripper", "camera"))
 
 
@@ -154,21 +159,16 @@ def by_hand(file: Path, folder: Path, answers: list[str]) -> list[str]:
 
 
 def test_person_is_asked_for_each_pose_of_a_real_sensor_even_with_yes(real_gel: Path, tmp_path: Path) -> None:
-    asked = by_hand(real_gel, tmp_path / "s", [])
-    assert asked == [
+    assert by_hand(real_gel, tmp_path / "s", []) == [
         "Take everything off the gels. Does nothing touch them?",
-        "Press object 7 (spam) at 'left', turned by -30 deg (counter-clockwise in the image), onto the gel "
-        "of SIM-D0001 and hold it. Is it pressed?",
-        "Press object 7 (spam) at 'left', turned by -15 deg (counter-clockwise in the image), onto the gel "
-        "of SIM-D0001 and hold it. Is it pressed?",
-    ]
+        *(f"Press object 7 (spam) at 'left', turned by {turn} deg (counter-clockwise in the image), onto the "
+          "gel of SIM-D0001 and hold it. Is it pressed?" for turn in (-30, -15)),
+    ]  # fmt: skip
     rows = read_poses(tmp_path / "s")
     assert [(row.accepted, len(row.images), row.simulated) for row in rows] == [(True, 3, False)] * 2
     image = cv2.imread(str(tmp_path / "s" / rows[0].images[0].file))
     assert np.abs(image[160, 120].astype(int) - (120, 60, 180)).max() < 20
-    manifest = read_manifest(tmp_path / "s")
-    assert isinstance(manifest, RecordManifest)
-    assert not manifest.simulated
+    assert not read_manifest(tmp_path / "s").simulated
 
 
 def test_recording_by_hand_stops_if_the_person_does_not_press(real_gel: Path, tmp_path: Path) -> None:
@@ -189,11 +189,7 @@ def test_simulated_calibration_is_refused_for_a_real_sensor_of_that_serial(
     assert rig("calibrate", "tactile", "--bench", desk, "--json").returncode == 0
     made = next((tmp_path / "calibrations").glob("*.yaml"))
     made.rename(made.with_name("tactile-SIM-D0001.yaml"))  # as that of a gel's scale is called
-    head, first, rest = (BENCHES / "fake.toml").read_text().split("[[tactile]]")
-    tips = [tip.replace('driver = "fake"', 'driver = "desk_gel:Gel"', 1) for tip in (first, rest)]
-    mixed = tmp_path / "mixed.toml"
-    mixed.write_text("[[tactile]]".join([head, *tips]))
-    for file in (real_gel, mixed):
+    for file in (real_gel, mixed_bench(tmp_path)):
         shown = rig("record", "--object", "7", "--by", "hand", "--bench", file, "--out", tmp_path / "s")
         assert shown.returncode == 2
         assert "tactile-SIM-D0001.yaml: was made on simulated devices" in shown.stderr
@@ -220,16 +216,10 @@ def test_doctor_and_calibration_work_with_one_sensor(desk: Path, tmp_path: Path)
 def test_camera_alone_is_calibrated_with_a_board_held_by_hand(tmp_path: Path) -> None:
     file = tmp_path / "eye.toml"
     file.write_text(EYE)
-    asked = []
-    config = load_bench(str(file))
-
-    def ask(question: str) -> bool:
-        asked.append(question)
-        return True
-
-    at = Station(config, 0, tmp_path / "c", ConsoleOperator(ask), lambda text: None)
+    # the simulated person holds the board, so that nobody is asked
+    person = ConsoleOperator(lambda question: pytest.fail(question))
+    at = Station(load_bench(str(file)), 0, tmp_path / "c", person, lambda text: None)
     result = collect_camera(at, parse_target("charuco:8x6:25:18:DICT_5X5_100"), 8)
-    assert asked == [], "the simulated person holds the board"
     assert result.simulated
     assert len(list((tmp_path / "c" / "camera-samples").glob("*.png"))) == 8
     assert result.value["camera_matrix"]["data"][0] == pytest.approx(640.0, abs=5.0)
@@ -283,10 +273,7 @@ def test_command_without_its_devices_names_them_and_the_possible_commands(
 def test_real_sensor_beside_a_simulated_bench_is_not_marked_and_the_trial_is_refused(
     real_gel: Path, tmp_path: Path
 ) -> None:
-    head, first, rest = (BENCHES / "fake.toml").read_text().split("[[tactile]]")
-    tips = [tip.replace('driver = "fake"', 'driver = "desk_gel:Gel"', 1) for tip in (first, rest)]
-    file = tmp_path / "mixed.toml"
-    file.write_text("[[tactile]]".join([head, *tips]))
+    file = mixed_bench(tmp_path)
     refused = rig("trial", "--bench", file, "--lifts", 1)
     assert refused.returncode == 2
     assert "rig trial moves the arm, and bench 'fake' has simulated devices" in refused.stderr

@@ -21,6 +21,7 @@ from rig.sessions.rows import read_finished_lifts, read_lifts
 from rig.tactile.estimators import choose_estimator
 from support.benches import lighter
 from support.command_line import rig
+from support.waiting import until
 
 
 def trial(folder: Path, lifts: int = 2, jobs: int = 1, **bench: object) -> TrialSummary:
@@ -57,15 +58,12 @@ def test_replay_is_exact_with_any_number_of_blas_threads_and_changes_nothing(one
 def test_swapped_recordings_of_two_lifts_swap_their_estimates(two_lifts: Path, tmp_path: Path) -> None:
     swapped = tmp_path / "swapped"
     shutil.copytree(two_lifts, swapped)
-    first, second = swapped / "lifts/001.mcap", swapped / "lifts/002.mcap"
-    first.rename(tmp_path / "x")
-    second.rename(first)
-    (tmp_path / "x").rename(second)
-    stored = read_finished_lifts(two_lifts)
-    assert stored[0].final_estimate_deg != stored[1].final_estimate_deg
+    for here, there in (("001", "002"), ("002", "001")):
+        shutil.copy(two_lifts / f"lifts/{there}.mcap", swapped / f"lifts/{here}.mcap")
+    first, second = (row.final_estimate_deg for row in read_finished_lifts(two_lifts))
+    assert first != second
     replayed = run_replay(stored_trial(swapped), jobs=1).rows
-    assert replayed[0].final_estimate_deg == stored[1].final_estimate_deg
-    assert replayed[1].final_estimate_deg == stored[0].final_estimate_deg
+    assert [row.final_estimate_deg for row in replayed] == [second, first]
 
 
 def test_faulty_lift_is_kept_and_repeated_until_accepted(tmp_path: Path) -> None:
@@ -129,31 +127,18 @@ def test_trial_killed_at_random_moments_loses_only_lifts_in_progress(
 def in_progress(command: list[str]) -> "subprocess.Popen[str]":
     """A trial whose two workers are at their lifts."""
     process = _started(command, jobs="2")
-    deadline = time.monotonic() + 120.0
-    while len(_processes_of(process.pid)) < 3:
-        assert time.monotonic() < deadline
-        assert process.poll() is None
-        time.sleep(0.05)
+    until(lambda: len(_processes_of(process.pid)) >= 3)
     time.sleep(1.0)
     return process
 
 
-def test_ctrl_c_ends_safely_and_leaves_no_process(in_progress: "subprocess.Popen[str]") -> None:
-    _end(in_progress, signal.SIGINT)
-    assert in_progress.returncode == 3
-    assert _left_after_a_while(in_progress.pid) == []
-
-
-def test_workers_end_with_a_killed_parent(in_progress: "subprocess.Popen[str]") -> None:
-    _end(in_progress, signal.SIGKILL)
-    assert _left_after_a_while(in_progress.pid) == []
-
-
-def _left_after_a_while(session_id: int) -> list[int]:
-    deadline = time.monotonic() + 120.0
-    while _processes_of(session_id) and time.monotonic() < deadline:
-        time.sleep(0.1)
-    return _processes_of(session_id)
+@pytest.mark.parametrize(("how", "code"), [(signal.SIGINT, 3), (signal.SIGKILL, -signal.SIGKILL)])
+def test_interrupted_or_killed_trial_leaves_no_process(
+    in_progress: "subprocess.Popen[str]", how: signal.Signals, code: int
+) -> None:
+    _end(in_progress, how)
+    assert in_progress.returncode == code
+    until(lambda: not _processes_of(in_progress.pid), 120.0)
 
 
 def _processes_of(session_id: int) -> list[int]:

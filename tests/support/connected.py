@@ -2,20 +2,14 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Protocol, TypeVar
+from typing import TypeVar
 
-
-class Device(Protocol):
-    def connect(self) -> None: ...
-    def disconnect(self) -> None: ...
-
-
-D = TypeVar("D", bound=Device)
+Device = TypeVar("Device")
 
 
 @contextmanager
-def connected(device: D) -> Iterator[D]:
-    """Connect, and disconnect at the end, also of a test that fails."""
+def connected(device: Device) -> Iterator[Device]:
+    """Connect a device, and disconnect it at the end, also of a test that fails."""
     device.connect()
     try:
         yield device

@@ -49,9 +49,9 @@ def test_a_shift_has_no_centre(dx: float, dy: float) -> None:
     assert found is (Degenerate.STILL if math.hypot(dx, dy) < 0.15 else Degenerate.TRANSLATION)
 
 
-@pytest.mark.parametrize("count", [0, 1, 2])
-def test_too_few_markers_are_refused(count: int) -> None:
-    assert find_rotation(GRID[:count], turned(GRID[:count], 10.0, (0.0, 0.0))) is Degenerate.TOO_FEW
+def test_too_few_markers_are_refused() -> None:
+    for count in range(3):
+        assert find_rotation(GRID[:count], turned(GRID[:count], 10.0, (0.0, 0.0))) is Degenerate.TOO_FEW
 
 
 @given(direction_deg=st.floats(0, 180), angle_deg=st.floats(2, 90))

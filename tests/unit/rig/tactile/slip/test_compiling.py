@@ -58,19 +58,15 @@ def test_changed_loops_are_compiled_again(tmp_path: Path, monkeypatch: pytest.Mo
     assert installed(tmp_path / "second")(2.0) == 6.0
 
 
-def test_folder_of_the_file_is_used_if_the_users_cache_is_not_writable(
+def test_loop_is_cached_beside_its_file_or_nowhere_if_folders_are_not_writable(
     tmp_path: Path, user_cache: Path
 ) -> None:
     user_cache.touch()  # a file, so that no folder can be made
     loop = installed(tmp_path / "first")
     assert Path(loop.stats.cache_path) == tmp_path / "first" / "__pycache__"
-
-
-def test_loop_is_compiled_without_a_writable_folder(tmp_path: Path, user_cache: Path) -> None:
-    user_cache.touch()
-    (tmp_path / "first").mkdir()
-    (tmp_path / "first" / "__pycache__").touch()
-    loop = installed(tmp_path / "first")
+    (tmp_path / "second").mkdir()
+    (tmp_path / "second" / "__pycache__").touch()
+    loop = installed(tmp_path / "second")
     assert not is_cached(loop)
     assert loop(2.0) == 4.0
 

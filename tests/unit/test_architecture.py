@@ -37,11 +37,12 @@ def _installed(name: str) -> bool:
 
 
 @pytest.mark.slow
-def test_rig_works_without_the_arm_library(tmp_path: Path) -> None:
-    """Check that everything except the arm works without ur-rtde, and that a real bench can be created."""
+def test_rig_works_without_the_arm_library_and_pytest(tmp_path: Path) -> None:
+    """Check that everything except the arm works, and that a real bench can be created."""
     code = (
-        "import sys; sys.modules.update({'rtde_control': None, 'rtde_receive': None});"
-        "import rig.experiments.record, rig.experiments.replay, rig.cli.main;"
+        "import sys; sys.modules.update(dict.fromkeys(('rtde_control', 'rtde_receive', 'pytest', 'hypothesis')));"
+        "import rig.experiments.record, rig.experiments.replay, rig.experiments.trial, rig.cli.main;"
+        "import rig.bench.source, rig.benchmark.estimators.study;"
         "import rig.doctor.examination, rig.benchmark.wire.faults;"
         "from rig.bench.assembly import build_real_bench; from rig.config import load_bench;"
         f"print(build_real_bench(load_bench({str(real_bench_file(tmp_path))!r})).name)"

@@ -59,13 +59,3 @@ def test_checks_of_devices_that_the_bench_file_lacks_are_skipped(lab: Path) -> N
     assert done.returncode == 0, done.stdout
     assert "the bench file has no such device" in done.stdout
     assert "passed" not in done.stdout
-
-
-def test_the_product_needs_no_pytest() -> None:
-    code = (
-        "import sys; sys.modules['pytest'] = None; import rig.cli.main, rig.experiments.trial;"
-        "import rig.bench.source, rig.benchmark.estimators.study, rig.benchmark.wire.faults;"
-        "print('fine')"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
-    assert done.stdout == "fine\n", done.stderr

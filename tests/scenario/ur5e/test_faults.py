@@ -140,19 +140,6 @@ def test_old_polyscope_is_named_before_any_process_starts(monkeypatch: pytest.Mo
         controller.stop()
 
 
-@pytest.mark.parametrize("version", ["5.4.0", *long("5.5.1")])
-def test_oldest_supported_polyscope_works(version: str) -> None:
-    controller = make_controller(version)
-    controller.start()
-    arm = make_arm(controller.host)
-    try:
-        arm.connect()
-        arm.move_linear(HOME.translated(z_m=-0.01), 0.25, 1.0).wait(5.0)
-    finally:
-        arm.disconnect()
-        controller.stop()
-
-
 def test_local_control_of_the_pendant_prevents_the_start(controller: URController, arm: UR5e) -> None:
     controller.inject("remote_control_off")
     with pytest.raises(DeviceError, match="remote control is off"):

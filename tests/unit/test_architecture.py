@@ -40,7 +40,8 @@ def _installed(name: str) -> bool:
 def test_rig_works_without_the_arm_library_and_pytest(tmp_path: Path) -> None:
     """Check that everything except the arm works, and that a real bench can be created."""
     code = (
-        "import sys; sys.modules.update(dict.fromkeys(('rtde_control', 'rtde_receive', 'pytest', 'hypothesis')));"
+        "import sys; lacking = ('rtde_control', 'rtde_receive', 'pytest', 'hypothesis');"
+        "sys.modules.update(dict.fromkeys(lacking));"
         "import rig.experiments.record, rig.experiments.replay, rig.experiments.trial, rig.cli.main;"
         "import rig.bench.source, rig.benchmark.estimators.study;"
         "import rig.doctor.examination, rig.benchmark.wire.faults;"

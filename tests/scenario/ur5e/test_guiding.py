@@ -92,7 +92,7 @@ def test_guided_arm_stays_where_it_was_led(controller: URController, arm: UR5e) 
     assert np.allclose(place(controller), HOME.position_m, atol=1e-3)
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGHUP, *long(signal.SIGTERM, signal.SIGQUIT)])
+@pytest.mark.parametrize("number", [signal.SIGINT, *long(signal.SIGHUP, signal.SIGTERM, signal.SIGQUIT)])
 def test_signal_ends_guiding_with_the_arm_held_at_rest(
     controller: URController, number: signal.Signals
 ) -> None:

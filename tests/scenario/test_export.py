@@ -120,15 +120,17 @@ def test_stored_true_masks_are_exported(recording: Path, tmp_path: Path) -> None
         export_session(session, "coco", tmp_path / "other")
 
 
-def labelme_files(session: Path, out: Path) -> list[Path]:
-    export_session(session, "labelme", out)
+@pytest.fixture(scope="module")
+def labelme_files(recording: Path, tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+    out = tmp_path_factory.mktemp("labelme") / "out"
+    export_session(recording, "labelme", out)
     return sorted(out.rglob("*.json"))
 
 
 def test_labelme_files_are_beside_their_images_with_the_required_fields(
-    recording: Path, tmp_path: Path
+    recording: Path, labelme_files: list[Path]
 ) -> None:
-    files = labelme_files(recording, tmp_path / "out")
+    files = labelme_files
     assert len(files) == 4
     for file in files:
         document = json.loads(file.read_text())
@@ -144,9 +146,9 @@ def test_labelme_files_are_beside_their_images_with_the_required_fields(
             assert all(isinstance(v, float) for point in shape["points"] for v in point)
 
 
-def test_labelme_loader_reads_exported_files(recording: Path, tmp_path: Path) -> None:
+def test_labelme_loader_reads_exported_files(labelme_files: list[Path]) -> None:
     labelme = pytest.importorskip("labelme", reason="labelme (a Qt program) is not installed")
-    for file in labelme_files(recording, tmp_path / "out"):
+    for file in labelme_files:
         loaded = labelme.LabelFile(str(file))
         assert loaded.imageData
         assert loaded.shapes[0]["label"] == "contact"
@@ -162,10 +164,18 @@ def quick_tips(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def test_lerobot_data_set_has_its_parts_and_the_stored_images(quick_tips: Path, tmp_path: Path) -> None:
-    parquet = pytest.importorskip("pyarrow.parquet")
-    out = tmp_path / "out"
+@pytest.fixture(scope="module")
+def lerobot(quick_tips: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    pytest.importorskip("pyarrow.parquet")
+    out = tmp_path_factory.mktemp("lerobot") / "out"
     export_session(quick_tips, "lerobot", out)
+    return out
+
+
+def test_lerobot_data_set_has_its_parts_and_the_stored_images(quick_tips: Path, lerobot: Path) -> None:
+    from pyarrow import parquet
+
+    out = lerobot
     info = json.loads((out / "meta/info.json").read_text())
     data = parquet.read_table(out / info["data_path"].format(chunk_index=0, file_index=0))
     assert (info["codebase_version"], info["fps"], info["total_episodes"]) == ("v3.0", 15, 1)
@@ -205,10 +215,10 @@ def test_lerobot_data_set_has_its_parts_and_the_stored_images(quick_tips: Path, 
     assert not any("SIM-D" in name for name in info["features"])
 
 
-def test_lerobot_data_set_has_the_tactile_frames_between_its_steps(quick_tips: Path, tmp_path: Path) -> None:
-    parquet = pytest.importorskip("pyarrow.parquet")
-    export_session(quick_tips, "lerobot", tmp_path / "out")
-    data = parquet.read_table(tmp_path / "out/data/chunk-000/file-000.parquet")
+def test_lerobot_data_set_has_the_tactile_frames_between_its_steps(quick_tips: Path, lerobot: Path) -> None:
+    from pyarrow import parquet
+
+    data = parquet.read_table(lerobot / "data/chunk-000/file-000.parquet")
     ages = np.array(data["observation.tactile.finger_b.age_s"].to_pylist())
     assert ages.shape == (len(data), 2)
     newest, before = (

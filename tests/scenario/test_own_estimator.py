@@ -7,7 +7,6 @@ import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -122,14 +121,6 @@ def test_lift_with_failing_estimator_is_kept_and_reports_it(lab: Path, light_ben
     assert "The estimator itself failed" in write_report([folder]).path.read_text()
 
 
-@pytest.mark.long
-def test_own_estimator_is_compared_on_a_session(session: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(session.parent)
-    done = rig("compare", "lab-pca", "pca", "--on", session, "--jobs", "1", "--json")
-    assert done.returncode == 0, done.stderr
-    assert json.loads(done.stdout)["lifts"] == 2
-
-
 def test_estimator_that_cannot_be_constructed_is_rejected_first(lab: Path) -> None:
     out = lab.parent / "never"
     done = rig("trial", "--lifts", "1", "--estimator", f"{MODULE}:Needs_more", "--out", out)
@@ -138,33 +129,27 @@ def test_estimator_that_cannot_be_constructed_is_rejected_first(lab: Path) -> No
     assert not out.exists()
 
 
-def test_own_estimator_answers_a_folder_of_frames(lab: Path, press: Draw, blank: NDArray[np.uint8]) -> None:
-    clip = write_clip(lab.parent / "clip", press, blank)
-    tables = {}
-    for name in (MINE, "pca"):
-        background = ["--background", clip / "background.png"]
-        done = rig("estimate", clip / "frames", *background, "--estimator", name, "--window", "1")
-        assert done.returncode == 0, done.stderr
-        tables[name] = done.stdout
-    assert tables[MINE] == tables["pca"]
-    failing = rig("estimate", clip / "frames", *background, "--estimator", FAILING)
+@pytest.fixture(scope="module")
+def clip(lab: Path, press: Draw, blank: NDArray[np.uint8]) -> Path:
+    return write_clip(lab.parent / "clips" / "one", press, blank)
+
+
+def test_own_estimator_answers_a_folder_of_frames(clip: Path) -> None:
+    frames = [clip / "frames", "--background", clip / "background.png"]
+    done = [rig("estimate", *frames, "--estimator", name, "--window", "1") for name in (MINE, "pca")]
+    assert [each.returncode for each in done] == [0, 0], done[0].stderr
+    assert done[0].stdout == done[1].stdout
+    failing = rig("estimate", *frames, "--estimator", FAILING)
     assert failing.returncode == 2
     assert "rig: done, but the estimator failed on 1 frame" in failing.stderr
-    assert failing.stdout.count("\n") == tables[MINE].count("\n")
+    assert failing.stdout.count("\n") == done[0].stdout.count("\n")
+    live = rig("live", *frames, "--terminal", "--estimator", FAILING)
+    assert live.returncode == 2
+    assert "the estimator failed; the state is then 'lost'" in live.stderr
+    assert 'line 53: raise ValueError("no gradient today"))' in live.stderr.splitlines()[-1]
 
 
-def test_error_of_own_estimator_is_reported_by_live(lab: Path, press: Draw, blank: NDArray[np.uint8]) -> None:
-    clip = write_clip(lab.parent / "live", press, blank)
-    source = [clip / "frames", "--background", clip / "background.png", "--terminal"]
-    done = rig("live", *source, "--estimator", FAILING)
-    assert done.returncode == 2
-    assert "the estimator failed; the state is then 'lost'" in done.stderr
-    assert 'line 53: raise ValueError("no gradient today"))' in done.stderr.splitlines()[-1]
-
-
-def test_own_estimator_is_scored_on_labelled_clips(lab: Path, press: Draw, blank: NDArray[np.uint8]) -> None:
-    clip = write_clip(lab.parent / "clips" / "one", press, blank)
-    assert cv2.imread(str(clip / "background.png")) is not None
+def test_own_estimator_is_scored_on_labelled_clips(clip: Path) -> None:
     (clip / "labels.csv").write_text(
         "reference_frame,keyframe,angle_deg,sigma_deg\n5,9,20,0.5\n5,11,30,0.5\n"
     )
@@ -174,7 +159,13 @@ def test_own_estimator_is_scored_on_labelled_clips(lab: Path, press: Draw, blank
 
 
 @pytest.mark.long
-def test_renderer_benchmark_reports_faults_of_own_estimator(lab: Path) -> None:
+def test_own_estimator_is_compared_on_a_session_and_by_the_second_renderer(
+    session: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(session.parent)
+    done = rig("compare", "lab-pca", "pca", "--on", session, "--jobs", "1", "--json")
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["lifts"] == 2
     report = renderer.measure(renderer.RendererOptions([FAILING], lifts=1), Run(jobs=1))
     assert report.faults[FAILING].frames > 2
     assert "no gradient today" in report.faults[FAILING].first

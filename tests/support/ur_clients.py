@@ -52,11 +52,6 @@ class Client:
             pass
         return struct.unpack(">d", answer[1][1:9])[0]
 
-    def read_on(self) -> None:
-        """Read until something happens."""
-        while True:
-            self.timestamp()
-
     def _read(self, count: int) -> bytes:
         data = b""
         while len(data) < count:

@@ -5,6 +5,9 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
 
 import pytest
 
@@ -18,59 +21,6 @@ from support.waiting import until
 from support.worlds import HOME
 
 pytest.importorskip("rtde_control", reason="ur-rtde is not installed here")
-
-
-@pytest.mark.parametrize("crash", [signal.SIGSEGV, signal.SIGKILL])
-def test_crash_of_the_commanding_process_ends_the_motion_and_recovers(
-    controller: URController, arm: UR5e, crash: signal.Signals
-) -> None:
-    motion = arm.move_linear(HOME.translated(z_m=-0.25), 0.05, 1.0)
-    process = arm._link.control._process._process  # type: ignore[union-attr]
-    process.send_signal(crash)
-    process.wait()
-    error = first_error(motion.done)
-    assert crash.name in str(error) or "control program" in str(error)
-    arm.stop()
-    assert stands(controller)
-    arm.recover(agree)
-    arm.move_linear(HOME, 0.25, 1.0).wait(5.0)
-
-
-def test_crash_of_the_listening_process_is_an_error_until_reconnected(
-    controller: URController, arm: UR5e
-) -> None:
-    process = arm._link._listener._process  # type: ignore[union-attr]
-    process.send_signal(signal.SIGSEGV)
-    process.wait()
-    error = first_error(arm.state)
-    assert "SIGSEGV" in str(error)
-    arm.connect()
-    assert arm.state().mode is ArmMode.RUNNING
-
-
-def test_killed_program_leaves_no_process_and_stops_the_arm(controller: URController) -> None:
-    code = (
-        "import sys, time\n"
-        "from drivers.clock import SystemClock\n"
-        "from drivers.types import Pose\n"
-        "from drivers.ur5e.arm import UR5e\n"
-        "from fakes.devices.arm import LIMITS\n"
-        "clock = SystemClock(int(sys.argv[2]))\n"
-        "arm = UR5e(sys.argv[1], LIMITS, Pose((0, 0, 0.28)), 2.5, (0, 0, 0.08), clock=clock)\n"
-        "arm.connect()\n"
-        "arm.move_linear(arm.state().base_T_tcp.translated(z_m=-0.25), 0.05, 1.0)\n"
-        "print(arm._link._listener._process.pid, arm._link.control._process._process.pid, flush=True)\n"
-        "time.sleep(60)\n"
-    )
-    command = [sys.executable, "-c", code, controller.host, str(SLOWNESS)]
-    rig = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
-    children = [int(pid) for pid in rig.stdout.readline().split()]
-    rig.kill()
-    rig.wait()
-    rig.stdout.close()
-    until(lambda: not any(map(exists, children)))
-    until(lambda: not controller.snapshot()["program_running"])
-    assert stands(controller)
 
 
 MOVING = """
@@ -99,7 +49,9 @@ motion = arm.move_linear(arm.state().base_T_tcp.translated(z_m=-0.20), 0.25, 1.0
 if sys.argv[2] == "hangs":
     time.sleep(300)
 if sys.argv[2] == "busy":
-    busy(slowness * 0.1, arm._link.control._process._process.pid)
+    mine = open(f"/proc/self/task/{os.getpid()}/children").read().split()
+    commanding = next(pid for pid in mine if "control_process" in open(f"/proc/{pid}/cmdline").read())
+    busy(slowness * 0.1, commanding)
 try:
     motion.wait(10.0)
 except Exception as error:
@@ -108,63 +60,109 @@ arm.disconnect()
 """
 
 
-def moving(controller: URController, how: str) -> "subprocess.Popen[str]":
+@contextmanager
+def moving(controller: URController, how: str) -> Iterator["subprocess.Popen[str]"]:
     """A program that moves the arm down at the speed of an approach."""
-    return subprocess.Popen(
-        [sys.executable, "-c", MOVING, controller.host, how, str(SLOWNESS)],
-        stdout=subprocess.PIPE, text=True,
-    )  # fmt: skip
+    command = [sys.executable, "-c", MOVING, controller.host, how, str(SLOWNESS)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as program:
+        try:
+            yield program
+        finally:
+            program.kill()
 
 
 def height_m(controller: URController) -> float:
     return controller.snapshot()["tcp_m"][2]
 
 
+def process_of(controller: URController, module: str) -> int:
+    """Return the process of a module of the driver that is connected to a controller."""
+    names = f"drivers.ur5e.{module}\0{controller.host}\0".encode()
+    return next(int(of.parent.name) for of in Path("/proc").glob("[0-9]*/cmdline") if names in _read(of))
+
+
+def exists(pid: int) -> bool:
+    """Whether a process runs (one that is only not yet collected does not)."""
+    state = _read(Path(f"/proc/{pid}/stat")).rpartition(b")")[2].split()
+    return bool(state) and state[0] != b"Z"
+
+
+def _read(file: Path) -> bytes:
+    with suppress(OSError):
+        return file.read_bytes()
+    return b""
+
+
+@pytest.mark.parametrize("crash", [signal.SIGSEGV, signal.SIGKILL])
+def test_crash_of_the_commanding_process_ends_the_motion_and_recovers(
+    controller: URController, arm: UR5e, crash: signal.Signals
+) -> None:
+    motion = arm.move_linear(HOME.translated(z_m=-0.25), 0.05, 1.0)
+    os.kill(process_of(controller, "control_process"), crash)
+    error = first_error(motion.done)
+    assert crash.name in str(error) or "control program" in str(error)
+    arm.stop()
+    assert stands(controller)
+    arm.recover(agree)
+    arm.move_linear(HOME, 0.25, 1.0).wait(5.0)
+
+
+def test_crash_of_the_listening_process_is_an_error_until_reconnected(
+    controller: URController, arm: UR5e
+) -> None:
+    listening = process_of(controller, "state_process")
+    os.kill(listening, signal.SIGSEGV)
+    until(lambda: not exists(listening))
+    assert "SIGSEGV" in str(first_error(arm.state))
+    arm.connect()
+    assert arm.state().mode is ArmMode.RUNNING
+
+
+def test_killed_program_leaves_no_process_and_stops_the_arm(controller: URController) -> None:
+    with moving(controller, "hangs") as program:
+        until(lambda: height_m(controller) < HOME.position_m[2] - 0.001)
+        children = [process_of(controller, name) for name in ("state_process", "control_process")]
+        program.kill()
+    until(lambda: not any(map(exists, children)))
+    until(lambda: not controller.snapshot()["program_running"])
+    assert stands(controller)
+
+
 def test_motion_stops_if_its_program_is_suspended(controller: URController) -> None:
-    with moving(controller, "looks") as rig:
-        try:
-            until(lambda: height_m(controller) < HOME.position_m[2] - 0.05)
-            rig.send_signal(signal.SIGSTOP)
-            there = height_m(controller)
-            pause(0.5)
-            ended = height_m(controller)
-            assert there - ended <= 0.020
-            assert stands(controller)
-            assert height_m(controller) == ended
-            rig.send_signal(signal.SIGCONT)
-            said = rig.stdout.read()
-            assert "stopped by a signal" in said
-        finally:
-            rig.kill()
+    with moving(controller, "looks") as program:
+        until(lambda: height_m(controller) < HOME.position_m[2] - 0.05)
+        program.send_signal(signal.SIGSTOP)
+        there = height_m(controller)
+        pause(0.5)
+        ended = height_m(controller)
+        assert there - ended <= 0.020
+        assert stands(controller)
+        assert height_m(controller) == ended
+        program.send_signal(signal.SIGCONT)
+        assert "stopped by a signal" in program.stdout.read()
 
 
 def test_motion_stops_if_its_program_hangs(controller: URController) -> None:
-    with moving(controller, "hangs") as rig:
-        try:
-            until(lambda: height_m(controller) < HOME.position_m[2] - 0.001)
-            pause(0.5)
-            assert HOME.position_m[2] - height_m(controller) <= 0.020
-            assert stands(controller)
-        finally:
-            rig.kill()
+    with moving(controller, "hangs"):
+        until(lambda: height_m(controller) < HOME.position_m[2] - 0.001)
+        pause(0.5)
+        assert HOME.position_m[2] - height_m(controller) <= 0.020
+        assert stands(controller)
 
 
 @pytest.mark.skipif(not hasattr(os, "SCHED_IDLE"), reason="this system has no SCHED_IDLE")
 def test_motion_continues_for_a_moment_without_a_core(controller: URController) -> None:
     # After how long it stops is a test of the heartbeat: how long a program waits is the scheduler's choice.
-    with moving(controller, "busy") as rig:
-        try:
-            assert rig.stdout.read() == ""
-            assert HOME.position_m[2] - height_m(controller) > 0.199
-        finally:
-            rig.kill()
+    with moving(controller, "busy") as program:
+        assert program.stdout.read() == ""
+        assert HOME.position_m[2] - height_m(controller) > 0.199
 
 
 def test_controller_stops_the_arm_if_it_gets_no_commands(controller: URController, arm: UR5e) -> None:
     motion = arm.move_linear(HOME.translated(z_m=-0.20), 0.25, 1.0)
     until(lambda: motion.done() or motion.progress() > 0.25)
     there = height_m(controller)
-    arm._link.control._process.kill()  # type: ignore[union-attr]
+    os.kill(process_of(controller, "control_process"), signal.SIGKILL)
     pause(0.5)
     assert there - height_m(controller) <= 0.030
     assert stands(controller)
@@ -174,27 +172,18 @@ def test_controller_stops_the_arm_if_it_gets_no_commands(controller: URControlle
 def test_computer_that_stands_still_does_not_end_the_program_of_a_simulated_controller(
     controller: URController, arm: UR5e, all_of_it: bool
 ) -> None:
-    process = arm._link.control._process._process  # type: ignore[union-attr]
+    commanding = process_of(controller, "control_process")
     before_s = sys.getswitchinterval()
     end_s = time.monotonic() + SLOWNESS * 0.2
     if all_of_it:
-        process.send_signal(signal.SIGSTOP)
+        os.kill(commanding, signal.SIGSTOP)
     sys.setswitchinterval(SLOWNESS)
     while time.monotonic() < end_s:  # the controller's thread does not run
         pass
     sys.setswitchinterval(before_s)
-    process.send_signal(signal.SIGCONT)
+    os.kill(commanding, signal.SIGCONT)
     pause(0.05)
     assert controller.snapshot()["program_running"], controller.snapshot()["program_end"]
-
-
-def exists(pid: int) -> bool:
-    """Whether a process runs (one that is only not yet collected does not)."""
-    try:
-        with open(f"/proc/{pid}/stat") as stat:
-            return stat.read().rsplit(")", 1)[1].split()[0] != "Z"
-    except OSError:
-        return False
 
 
 def test_missing_arm_library_is_named_on_connecting(

@@ -7,7 +7,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,8 +21,9 @@ from rig.config import BenchConfig
 from rig.config.write import write_bench
 from rig.sessions.rows import read_lifts
 from support.command_line import SHORT_PHASES
+from support.marks import long
 from support.slow_motion import SLOWNESS, pause
-from support.waiting import LIMIT_S
+from support.waiting import LIMIT_S, until
 
 GRASP_M, ABOVE_M = 0.06, 0.16
 """Heights of the tool at the grasp and at the start of the descent."""
@@ -71,15 +71,12 @@ def trial(served: Served, bench: Path, out: Path, *more: str) -> "subprocess.Pop
     return program
 
 
-def wait_until(so: Callable[[], bool], process: subprocess.Popen[str]) -> None:
-    deadline = time.monotonic() + LIMIT_S
-    while not so():
-        assert process.poll() is None, process.communicate()[1]
-        assert time.monotonic() < deadline
-        time.sleep(0.005)
+def wait_until(met: Callable[[], bool], process: "subprocess.Popen[str]") -> None:
+    until(lambda: met() or process.poll() is not None)
+    assert process.poll() is None, process.communicate()[1]
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, pytest.param(signal.SIGQUIT, marks=pytest.mark.long)])
+@pytest.mark.parametrize("number", [signal.SIGINT, *long(signal.SIGQUIT)])
 def test_trial_stopped_on_its_way_down_stays_there(
     served: Served, tmp_path: Path, number: signal.Signals
 ) -> None:

@@ -105,11 +105,7 @@ def test_a_cluster_of_two_workers_gives_the_same_table(sessions: Path, tmp_path:
     with (
         own_estimators(tmp_path),
         distributed.LocalCluster(
-            n_workers=2,
-            threads_per_worker=1,
-            processes=True,
-            dashboard_address="127.0.0.1:0",
-            host="127.0.0.1",
+            n_workers=2, threads_per_worker=1, dashboard_address="127.0.0.1:0", host="127.0.0.1"
         ) as cluster,
     ):
         engine = ("--engine", cluster.scheduler_address.replace("tcp://", "dask://"))

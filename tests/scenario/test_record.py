@@ -47,11 +47,8 @@ def test_killed_recordings_are_completed_without_repeating_poses(
     out = [str(tmp_path / "s"), "--resume"]
     done: list[int] = []
     for _ in range(3):
-        process = subprocess.Popen(
-            [sys.executable, "-m", "rig", *command, *out],
-            stderr=subprocess.DEVNULL,
-            stdout=subprocess.DEVNULL,
-        )
+        words = [sys.executable, "-m", "rig", *command, *out]
+        process = subprocess.Popen(words, stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
         time.sleep(chance.uniform(1.0, 3.0))
         process.send_signal(signal.SIGKILL)
         process.wait()

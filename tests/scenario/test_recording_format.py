@@ -96,13 +96,9 @@ def test_times_are_dates_of_one_epoch_and_inside_those_of_the_bench(one_lift: Pa
 
 def test_messages_match_their_json_schemas(one_lift: Path) -> None:
     kinds = {
-        "string": str,
-        "number": (int, float),
-        "integer": int,
-        "boolean": bool,
-        "array": list,
+        "string": str, "number": (int, float), "integer": int, "boolean": bool, "array": list,
         "null": type(None),
-    }
+    }  # fmt: skip
     seen: set[str] = set()
     with (one_lift / "lifts/001.mcap").open("rb") as stream:
         for schema, _, message in make_reader(stream).iter_messages():

@@ -85,13 +85,8 @@ def command(light_bench_file: Path, tmp_path: Path) -> list[str]:
 
 def _started(command: list[str], jobs: str) -> "subprocess.Popen[str]":
     """Start it as a process that leads a session of processes."""
-    return subprocess.Popen(
-        [sys.executable, "-m", "rig", *command, "--jobs", jobs],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        start_new_session=True,
-    )
+    pipe, words = subprocess.PIPE, [sys.executable, "-m", "rig", *command, "--jobs", jobs]
+    return subprocess.Popen(words, stdout=pipe, stderr=pipe, text=True, start_new_session=True)
 
 
 def _end(process: "subprocess.Popen[str]", how: signal.Signals) -> None:

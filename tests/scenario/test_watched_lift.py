@@ -54,19 +54,9 @@ def wire_file(tmp_path: Path, unhurried_bench: BenchConfig) -> Path:
 @contextmanager
 def watched_trial(bench: Path, out: Path) -> Iterator[tuple["subprocess.Popen[str]", str]]:
     """Start a trial of one lift with a page; give its process and the page's address."""
-    command = [
-        sys.executable,
-        "-c",
-        f"{IN_SLOW_MOTION}from rig.cli.main import main; main()",
-        "trial",
-        "--lifts",
-        "1",
-        "--object",
-        "wrench",
-        "--no-report",
-        "--yes",
-    ]
-    command += ["--bench", str(bench), "--out", str(out), "--watch"]
+    program = f"{IN_SLOW_MOTION}from rig.cli.main import main; main()"
+    words = ["trial", "--lifts", "1", "--object", "wrench", "--no-report", "--yes", "--watch"]
+    command = [sys.executable, "-c", program, *words, "--bench", str(bench), "--out", str(out)]
     with subprocess.Popen(command, stdin=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) as process:
         lines = iter(process.stderr.readline, "")
         yield process, next(line for line in lines if "watch page: " in line).split()[-1]

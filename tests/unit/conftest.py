@@ -1,5 +1,8 @@
 """Drawn sessions: small folders as a trial or a recording leaves them, with curves that are known."""
 
+import io
+import json
+import shutil
 from collections.abc import Callable, Sequence
 from dataclasses import fields, replace
 from functools import cache
@@ -42,8 +45,6 @@ def true_angle(time_s: NDArray[np.float64], turn_deg: float) -> NDArray[np.float
 
 @cache
 def _lift(number: int, turn_deg: float, error_deg: float, press: Press) -> tuple[Lift, bytes]:
-    import io
-
     stream = io.BytesIO()
     recorder = LiftRecorder(stream)
     for phase, begins in PHASES_S.items():
@@ -124,14 +125,8 @@ def drawn_trial(press: Press) -> Drawn:
         took = [LiftTiming(number=row.number, attempt=0, wall_s=4.0, stages=stages) for row in rows]
         _lines(folder / "lifts.jsonl", rows)
         _lines(folder / "timing.jsonl", took)
-        asked = {
-            "lifts_per_object": len(rows),
-            "estimator": "slip",
-            "window": 1,
-            "skip": True,
-            "truth": "edges",
-        }
-        values = {**MANIFEST, "config": _bench(), "kind": "trial", **asked, **more}
+        asked = {"estimator": "slip", "window": 1, "skip": True, "truth": "edges", **more}
+        values = {**MANIFEST, "config": _bench(), "kind": "trial", "lifts_per_object": len(rows), **asked}
         _manifest(folder, TrialManifest(**values))
         return folder
 
@@ -171,14 +166,9 @@ def _images(folder: Path, pose: int, press: Press) -> tuple[PoseImage, ...]:
         serial = "T1" if number % 2 else "T2"
         file = folder / f"p{pose:02d}_{number + 1:02d}_{serial}.png"
         _png(file, press(25.0 * pose + number, seed=number, **SMALL))
+        name = str(file.relative_to(folder.parents[1]))
         found.append(
-            PoseImage(
-                file=str(file.relative_to(folder.parents[1])),
-                grip_counts=number,
-                serial=serial,
-                time_s=float(number),
-                contact_area_px=9000.0,
-            )
+            PoseImage(name, grip_counts=number, serial=serial, time_s=float(number), contact_area_px=9000.0)
         )
     return tuple(found)
 
@@ -208,9 +198,6 @@ def stored_trial_twice() -> Callable[[Path], Path]:
     """Copies the stored trial to a writable folder, with its lift a second time as lift 2."""
 
     def copy(folder: Path) -> Path:
-        import json
-        import shutil
-
         shutil.copytree(Path(__file__).parents[1] / "data" / "stored_trial", folder)
         row = json.loads((folder / "lifts.jsonl").read_text())
         second = {**row, "number": 2, "lift": 2, "recording": "lifts/002.mcap"}

@@ -10,6 +10,7 @@ from rig.bench.assembly import build_bench
 from rig.config import load_bench
 from support.benches import NOISE_M
 
+TURN = (1.0, 0.0, 0.0, 0.0)
 PLACES = {"a": (0.45, 0.0, 0.25), "b": (0.45, 0.05, 0.22), "far": (3.0, 0.0, 0.2), "c": (0.40, 0.0, 0.25)}
 
 
@@ -17,21 +18,19 @@ def visit(stop_after: int | None = None) -> tuple[list[HandEyeCapture], list[tup
     bench, _ = build_bench(load_bench("fake"))
     taken: list[HandEyeCapture] = []
     skipped: list[tuple[str, str]] = []
+    left = [(name, Pose(place, TURN)) for name, place in PLACES.items()]
+
+    def keep(capture: HandEyeCapture) -> None:
+        taken.append(capture)
+        if len(taken) == stop_after:
+            bench.arm.move_linear(Pose(PLACES["b"], TURN), 0.05, 0.5)
+            raise OperatorStopError("stopped")
+
     with bench.connected():
-        turn = bench.arm.state().base_T_tcp.quaternion_xyzw
-        left = [(name, Pose(place, turn)) for name, place in PLACES.items()]
-
-        def keep(capture: HandEyeCapture) -> None:
-            taken.append(capture)
-            if len(taken) == stop_after:
-                bench.arm.move_linear(Pose(PLACES["b"], turn), 0.05, 0.5)
-                raise OperatorStopError("stopped")
-
-        def skip(name: str, why: str) -> None:
-            skipped.append((name, why))
-
         try:
-            capture_hand_eye(bench, lambda: left.pop(0) if left else None, keep, skip)
+            capture_hand_eye(
+                bench, lambda: left.pop(0) if left else None, keep, lambda *why: skipped.append(why)
+            )
         except OperatorStopError:
             before = bench.arm.state().base_T_tcp.position_m
             bench.clock.sleep_until(bench.clock.now_ns() + 500_000_000)
@@ -51,7 +50,7 @@ def test_every_reachable_pose_is_a_sample_under_its_own_id() -> None:
 
 def test_noise_of_an_arm_at_rest_is_no_motion() -> None:
     bench, _ = build_bench(load_bench("fake"))
-    far = Pose((0.70, 0.20, 0.15), (1.0, 0.0, 0.0, 0.0))
+    far = Pose((0.70, 0.20, 0.15), TURN)
     with bench.connected():
         bench.arm.move_linear(far, 0.25, 1.0).wait(10.0)
         began_ns = bench.clock.now_ns()
@@ -62,8 +61,7 @@ def test_noise_of_an_arm_at_rest_is_no_motion() -> None:
 
 def test_stop_leaves_the_arm_at_rest() -> None:
     taken, _, standing = visit(stop_after=2)
-    assert len(taken) == 2
-    assert standing
+    assert (len(taken), standing) == (2, True)
 
 
 def test_lost_arm_ends_the_visit() -> None:
@@ -71,9 +69,8 @@ def test_lost_arm_ends_the_visit() -> None:
     fault = {"device": "arm", "kind": "disconnect", "at_s": 0.0}
     broken = config.model_validate({**config.model_dump(), "faults": [fault]})
     bench, _ = build_bench(broken)
-    turn = (1.0, 0.0, 0.0, 0.0)
     with bench.connected(), pytest.raises(DeviceError):
-        capture_hand_eye(bench, lambda: ("a", Pose(PLACES["a"], turn)), lambda _: None, lambda *_: None)
+        capture_hand_eye(bench, lambda: ("a", Pose(PLACES["a"], TURN)), lambda _: None, lambda *_: None)
 
 
 def test_lagging_stream_gives_no_image_of_the_motion() -> None:
@@ -85,8 +82,7 @@ def test_lagging_stream_gives_no_image_of_the_motion() -> None:
         return bench.camera.next_frame(1.0)
 
     with bench.connected():
-        turn = bench.arm.state().base_T_tcp.quaternion_xyzw
-        left = [("a", Pose(PLACES["a"], turn)), ("b", Pose(PLACES["b"], turn))]
+        left = [(name, Pose(PLACES[name], TURN)) for name in "ab"]
         bench.camera.newest_frame = keeps_its_backlog
         taken: list[HandEyeCapture] = []
         capture_hand_eye(bench, lambda: left.pop(0) if left else None, taken.append, lambda *_: None)

@@ -150,22 +150,17 @@ NOT_TAKEN = {
 
 
 @pytest.mark.parametrize(
-    ("name", "message"),
+    ("kind", "name", "message"),
     [
-        ("My-Gel", "is not a module name"),
-        ("class", "is not a module name"),
-        ("numpy", "exists already"),
-        ("there", "exists already"),
+        ("lab", "My-Gel", "is not a module name"),
+        ("lab", "class", "is not a module name"),
+        ("lab", "numpy", "exists already"),
+        ("lab", "there", "exists already"),
+        ("lerobot", "my_gel", "the name must begin with lerobot_camera_"),
     ],
 )
-def test_invalid_package_name_is_rejected(tmp_path: Path, name: str, message: str) -> None:
+def test_invalid_package_name_is_rejected(tmp_path: Path, kind: str, name: str, message: str) -> None:
     (tmp_path / "there").mkdir()
-    done = rig("new", "lab", tmp_path / name)
+    done = rig("new", kind, tmp_path / name)
     assert done.returncode == 2
     assert message in done.stderr
-
-
-def test_lerobot_package_under_another_name_is_rejected(tmp_path: Path) -> None:
-    done = rig("new", "lerobot", tmp_path / "my_gel")
-    assert done.returncode == 2
-    assert "the name must begin with lerobot_camera_" in done.stderr

@@ -1,4 +1,4 @@
-"""`rig live` on two MJPEG streams of 60 frames per second, seen in a browser.
+"""`rig live` in a browser: on two MJPEG streams of 60 frames per second, on the fake, and from given readings.
 
 With `-s` it prints the figures: delay from a frame's capture to the screen, dropped frames, share of a core;
 time from the command to the page and to a live angle.
@@ -11,13 +11,15 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import closing, contextmanager, suppress
 from itertools import product
 from pathlib import Path
 from statistics import median
 
 import pytest
 
+from rig.live.feed import LiveFeed, Sender
+from rig.live.watch import WatchPage, watch_address
 from support.browser import FLAWS, NEEDS_CHROMIUM, SEEN, Browser
 from support.desk_streams import desk_streams
 from support.waiting import LIMIT_S, until
@@ -139,3 +141,148 @@ def test_page_shows_the_angle_and_its_buttons_act(tmp_path: Path) -> None:
         }  # fmt: skip
     finally:
         browser.close()
+
+
+EVERY_S = 0.1
+CHART = """JSON.stringify({
+  bands: [...document.querySelectorAll('#sensors .curve .band')].map(e => e.getBoundingClientRect()),
+  runs: document.querySelector('#sensors .curve .estimate').getAttribute('d').match(/M/g).length,
+  references: [...document.querySelectorAll('#sensors .reference')].map(e => e.getBoundingClientRect().x),
+  lost: (document.querySelector('#sensors .curve .dropped')?.getAttribute('d').match(/M/g) || []).length,
+  text: document.body.innerText})"""
+DOUBT = "this background looks like a contact: lift the object, press Take background"
+
+
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
+    with closing(Browser(tmp_path_factory.mktemp("browser") / "profile")) as opened:
+        yield opened
+
+
+class Shown:
+    """A page of `rig live` and the sensor whose readings it shows."""
+
+    def __init__(self, browser: Browser) -> None:
+        self.page = WatchPage(watch_address(None), "SIMULATED rig live fake", estimators=["slip"])
+        self._sender = Sender(LiveFeed((self.page.listener,)))
+        self.browser, self.time_s = browser, 100.0
+
+    def send(self, count: int, state: str, angle_deg: float | None, **more: object) -> None:
+        for _ in range(count):
+            self.time_s += EVERY_S
+            reading = {
+                "sender": 1, "sensor": "D1", "t_s": self.time_s, "state": state, "angle_deg": angle_deg,
+                "sigma_deg": None if angle_deg is None else 1.0, "rate_deg_s": None, "slip": False,
+                "fps": 10.0, "latency_ms": 1.0, "dropped": 0, "zero_s": None, "background": "taken",
+                "doubt": "", "recording": False, "outline": [], "slips_s": [], **more,
+            }  # fmt: skip
+            until(lambda reading=reading: self._sent("sensor", reading), LIMIT_S)
+
+    def notice(self, text: str) -> None:
+        until(lambda: self._sent("notice", {"sender": 1, "text": text}), LIMIT_S)
+
+    def _sent(self, kind: str, values: dict[str, object]) -> bool:
+        lost = self._sender.lost
+        self._sender.send(kind, values)
+        return self._sender.lost == lost
+
+    def status(self) -> str:
+        return self.browser.value("document.getElementById('said').textContent")
+
+    def chart(self) -> dict:
+        until(
+            lambda: self.browser.value("document.querySelector('#sensors .curve .estimate') !== null"),
+            LIMIT_S,
+        )
+        until(lambda: self.browser.value("live.cards.D1.points.at(-1)[0]") >= self.time_s - 1e-6, LIMIT_S)
+        return json.loads(self.browser.value(CHART))
+
+    def close(self) -> None:
+        self._sender.close()
+        self.page.close()
+
+
+@pytest.fixture
+def shown(browser: Browser) -> Iterator[Shown]:
+    with closing(Shown(browser)) as one:
+        browser.open(one.page.address, 1280)
+        yield one
+
+
+def two_presses(shown: Shown) -> list[float]:
+    """Send two contacts with a gap between; return the times of their references and of the release."""
+    shown.send(10, "no_contact", None)
+    first_s = shown.time_s + EVERY_S
+    shown.send(20, "tracking", 5.0, zero_s=first_s)
+    released_s = shown.time_s
+    shown.send(30, "no_contact", None, zero_s=first_s)
+    shown.send(5, "tracking", 8.0, zero_s=first_s)
+    second_s = shown.time_s + EVERY_S
+    shown.send(20, "tracking", 1.0, zero_s=second_s)
+    return [first_s, second_s, released_s]
+
+
+@NEEDS_CHROMIUM
+def test_curve_and_band_are_interrupted_without_contact_and_at_a_reference(shown: Shown) -> None:
+    two_presses(shown)
+    chart = shown.chart()
+    assert chart["runs"] == len(chart["bands"]) == 3
+    first, second, third = sorted(chart["bands"], key=lambda box: box["left"])
+    assert second["left"] - first["right"] > 5 * (third["left"] - second["right"]) > 0
+    assert len(chart["references"]) == 2
+    assert abs(chart["references"][0] - first["left"]) < 3
+    assert abs(chart["references"][1] - third["left"]) < 3
+    assert "Dotted line: reference" in chart["text"]
+
+
+@NEEDS_CHROMIUM
+def test_dropped_frames_are_marked_and_counted(shown: Shown) -> None:
+    shown.send(10, "tracking", 5.0, dropped=2)
+    shown.send(1, "tracking", 5.0, dropped=5)
+    shown.send(10, "tracking", 5.0, dropped=5)
+    shown.send(10, "tracking", 5.0, dropped=6)
+    chart = shown.chart()
+    assert chart["lost"] == 2
+    assert "6 dropped (4 in the chart, red marks: the computer or the sensor was too slow)" in chart["text"]
+
+
+@NEEDS_CHROMIUM
+def test_status_follows_the_state_and_a_notice_lasts_until_another_state(shown: Shown) -> None:
+    def sent(state: str, angle_deg: float | None, zero_s: float | None = 100.5) -> str:
+        shown.send(1, state, angle_deg, zero_s=zero_s)
+        return shown.status()
+
+    taken = "D1: background taken; press an object on the gel"
+    shown.notice(taken)
+    until(lambda: sent("no_contact", None) == taken, LIMIT_S)
+    wait = "Contact: hold the object still until the reference is taken."
+    until(lambda: sent("tracking", 0.1, None) == wait, LIMIT_S)
+    for state, angle_deg, text in (
+        ("rekeyed", 0.1, "The angle counts from the reference: turn the object."),
+        ("unobservable", None, "The contact is round or smooth: its angle cannot be seen."),
+        ("no_contact", None, "No contact: press an object on the gel."),
+    ):
+        until(lambda of=(state, angle_deg), text=text: sent(*of) == text, LIMIT_S)
+    shown.notice("recording to clips/x")
+    until(lambda: sent("tracking", 0.1) == "recording to clips/x", LIMIT_S)
+
+
+@NEEDS_CHROMIUM
+def test_doubtful_background_is_named_until_it_is_taken_again(shown: Shown) -> None:
+    shown.send(3, "tracking", 0.1, doubt=DOUBT)
+    until(lambda: f"D1: {DOUBT}" in shown.browser.value("document.body.innerText"), LIMIT_S)
+    shown.send(3, "no_contact", None)
+    until(lambda: DOUBT not in shown.browser.value("document.body.innerText"), LIMIT_S)
+
+
+@NEEDS_CHROMIUM
+def test_chart_is_legible_at_both_widths(shown: Shown) -> None:
+    two_presses(shown)
+    shown.send(5, "tracking", 1.0, dropped=3, doubt=DOUBT)
+    for width, scheme in product((1400, 390), ("light", "dark")):
+        shown.browser.open(shown.page.address, width, scheme)
+        shown.chart()
+        seen = json.loads(shown.browser.value(SEEN))
+        assert {name: seen[name] for name in FLAWS if seen[name]} == {}
+        assert seen["wide"] <= width
+        assert shown.browser.said() == []

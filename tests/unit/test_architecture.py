@@ -1,15 +1,19 @@
-"""The environment and the packages. `.ci/run` checks style, import contracts and the wheel."""
+"""The environment, the packages, and how the suite runs. `.ci/run` checks style, imports and the wheel."""
 
 import importlib
+import os
 import re
 import subprocess
 import sys
 from importlib.metadata import files, version
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
 from support.benches import real_bench_file
+from support.side_by_side import pytest_xdist_auto_num_workers
 
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGES = ("rig", "drivers", "fakes", "calibration", "protocols")
@@ -69,3 +73,37 @@ def test_only_the_contract_checks_import_pytest_and_hypothesis() -> None:
         and "templates" not in path.parts
     }
     assert importing == {("rig", "contract_checks.py")}
+
+
+def suite(*arguments: str) -> "subprocess.CompletedProcess[str]":
+    """Run the suite as a person at a bench does."""
+    command = [sys.executable, "-m", "pytest", *arguments, "--bench", "nowhere.toml"]
+    alone = {name: value for name, value in os.environ.items() if not name.startswith("PYTEST_")}
+    return subprocess.run(command, cwd=ROOT, env=alone, capture_output=True, text=True, check=False)
+
+
+@pytest.mark.slow
+def test_several_workers_with_hardware_are_rejected() -> None:
+    done = suite("tests/contract", "-n", "2")
+    assert done.returncode == pytest.ExitCode.USAGE_ERROR
+    assert "two workers must not drive one arm" in done.stderr
+
+
+@pytest.mark.slow
+def test_hardware_tests_run_without_workers() -> None:
+    done = suite("tests/contract", "-k", "motions_outside and fake")
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "1 passed" in done.stdout
+    assert "bringing up nodes" not in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("arguments", "bench", "workers"),
+    [(["tests"], None, 4), (["tests"], "my_bench.toml", 0), (["tests/unit/test_architecture.py"], None, 0)],
+)
+def test_workers_are_used_for_simulated_devices_only(
+    arguments: list[str], bench: str | None, workers: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(os, "sched_getaffinity", lambda process: {0, 1}, raising=False)
+    config: Any = SimpleNamespace(args=arguments, getoption={"--bench": bench}.get)
+    assert pytest_xdist_auto_num_workers(config) == workers

@@ -1,9 +1,20 @@
-"""README and docs: links, anchors and pictures exist; the index has each page. See `.ci/site.py`, too."""
+"""Links, places and facts in README and docs, and the workflows for code hosts."""
 
 import re
+from dataclasses import fields
 from pathlib import Path
+from typing import Any
 
-from support.documentation import PAGES, ROOT, without_code
+import yaml
+
+import rig.sessions.about
+import rig.sessions.recorder
+from rig.benchmark.clips.public import SETS
+from rig.benchmark.harness import markers
+from rig.results.table import ERRORS
+from rig.sessions.records import IF_REACTING, IN_CSV, Lift, LiftOutcome, lift_columns
+from rig.tactile.slip.compiling import COMPILING_S
+from support.documentation import PAGES, ROOT, parse, without_code
 
 LINK = re.compile(r"!?\[[^\]]*\]\(([^)\s]+)\)")
 DOCS = ROOT / "docs"
@@ -38,3 +49,141 @@ def test_index_links_every_page() -> None:
 
 def test_docs_have_at_most_25_pages() -> None:
     assert len(list(DOCS.glob("*.md"))) <= 25, "write a section of an existing page"
+
+
+def test_figures_in_readme_match_the_tables() -> None:
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    page = (ROOT / "docs" / "measurements.md").read_text(encoding="utf-8")
+    rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in page.splitlines()]
+    lifts = next(row for row in rows if row[0] == "slip" and row[1] == "-")
+    assert f"MARE {lifts[3].split()[0]} degrees" in readme
+    for of in SETS.values():
+        begin, end = markers(f"clips {of.name}")
+        section = page.partition(begin)[2].partition(end)[0]
+        cells = [[cell.strip() for cell in line.strip("|").split("|")] for line in section.splitlines()]
+        whole, *groups = [row for row in cells if len(row) > 3 and row[0] in ("slip", "")][:3]
+        clips = section.split(",")[0].strip()
+        shares = [f"within 3 degrees: {whole[3]} of {whole[2]} labels on {clips}"]
+        shares += [f"{row[1]} clips ({row[2]} labels): {row[3]}" for row in groups if row[0] == ""]
+        assert f"| {of.data} | {'; '.join(shares)} |" in readme
+
+
+def test_container_files_exist_and_services_match_the_page() -> None:
+    copied = re.findall(r"^COPY (.*) \S+$", (ROOT / "Dockerfile").read_text(), re.MULTILINE)
+    files = " ".join(copied).split()
+    assert all((ROOT / name).exists() for name in files)
+    kept = {line[1:] for line in (ROOT / ".dockerignore").read_text().splitlines() if line.startswith("!")}
+    assert kept == set(files)
+    services = yaml.safe_load((ROOT / "compose.yaml").read_text())["services"]
+    assert services["simulated"]["command"] == ["trial", "--lifts", "5"]
+    bench = services["bench"]
+    assert (bench["network_mode"], bench["tty"], bench["stdin_open"]) == ("host", True, True)
+    assert bench["environment"]["XDG_STATE_HOME"].startswith("/bench/")
+
+
+ROOT = Path(__file__).parents[3]
+
+
+def costs(page: str) -> dict[str, str]:
+    text = " ".join((ROOT / page).read_text().split())
+    found = {
+        "lifts": re.search(r"(\d+ to \d+ s) (?:for the 45 lifts|on two idle cores)", text),
+        "session": re.search(r"(?:session|idle cores, and) (\d\.\d\d GB)", text),
+        "compiling": re.search(r"compil\w+ the estimator(?: once)?, about (\d+) s", text),
+    }
+    return {name: match[1] for name, match in found.items() if match is not None}
+
+
+def test_costs_of_the_first_command_agree() -> None:
+    readme = costs("README.md")
+    assert readme["compiling"] == str(COMPILING_S)
+    assert costs("docs/first_lift_simulated.md") == readme
+
+
+PAGE = (ROOT / "docs" / "formats.md").read_text(encoding="utf-8")
+
+
+def section(heading: str) -> str:
+    """The text below a heading, to the next one."""
+    return re.split(r"^#+ ", PAGE.split(f"### {heading}\n")[1], flags=re.MULTILINE)[0]
+
+
+def first_cells(text: str) -> set[str]:
+    """What stands between backticks in the first column of the tables of a text."""
+    return {
+        name
+        for row in re.findall(r"^\|([^|]*)\|", text, re.MULTILINE)
+        for name in re.findall("`([^`]+)`", row)
+    }
+
+
+KEYS, RECORDING = section("The keys of a lift"), section("The recording of a lift")
+BOTH_TABLES = first_cells(KEYS)
+
+
+def test_keys_and_outcomes_of_a_lift_are_named() -> None:
+    keys = {field.name for field in fields(Lift) if "doc" in field.metadata}
+    assert keys | {outcome.value for outcome in LiftOutcome} == BOTH_TABLES
+
+
+def test_columns_of_the_table_of_lifts_are_named() -> None:
+    after = " ".join(KEYS.split("`lifts.csv` has")[1].split())
+    columns = {column.name for column in lift_columns() if column.tables in (IN_CSV, IF_REACTING)}
+    errors = {name for name in columns if name.startswith("re_") and not name.startswith("re_b_")}
+    assert columns - errors <= set(re.findall("`([^`]+)`", after))
+
+
+def test_errors_of_the_table_of_lifts_are_keys() -> None:
+    assert set(ERRORS) <= BOTH_TABLES
+
+
+def test_topics_of_a_recording_are_named() -> None:
+    topics = {
+        value + ("SERIAL" if name.endswith("_PREFIX") else "")
+        for module in (rig.sessions.recorder, rig.sessions.about)
+        for name, value in vars(module).items()
+        if name.endswith(("_TOPIC", "_PREFIX"))
+    }
+    assert len(topics) >= 12
+    assert topics == first_cells(RECORDING)
+
+
+WORKFLOW = ROOT / ".github" / "workflows" / "ci.yml"
+SIMULATED = ROOT / "docs" / "simulated.md"
+
+
+def commands(text: str) -> list[str]:
+    """Every line that the jobs of a workflow run; each step either runs something or uses an action."""
+    workflow: dict[Any, Any] = yaml.safe_load(text)
+    steps = [step for job in workflow["jobs"].values() for step in job["steps"]]
+    assert all(("run" in step) != ("uses" in step) for step in steps)
+    return [line for step in steps for line in step.get("run", "").splitlines()]
+
+
+def test_workflow_runs_readmes_test_command_and_a_campaign() -> None:
+    lines = commands(WORKFLOW.read_text(encoding="utf-8"))
+    assert ".ci/run" in lines
+    plain, *checks = (ROOT / ".ci" / "run").read_text().splitlines()[4:]
+    assert f"    {plain}" in (ROOT / "README.md").read_text().splitlines()
+    steps = (
+        "ruff check",
+        "ruff format --check",
+        "lint-imports",
+        "codespell",
+        "site.py",
+        "wheel.py",
+        "pytest --long",
+    )
+    assert all(step in "\n".join(checks) for step in steps)
+    campaign = next(line for line in lines if "rig trial" in line)
+    typed = re.sub(r"^\S*rig |\|.*$", "", campaign).strip()
+    assert parse(f"rig {typed}") == "trial"
+    assert f"rig {typed}" in SIMULATED.read_text(encoding="utf-8").splitlines()
+
+
+def test_workflow_for_a_lab_is_valid_and_its_commands_parse() -> None:
+    block = re.search(
+        r"^```yaml\n(.*?)^```$", SIMULATED.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL
+    )
+    typed = [re.sub(r" > .*", "", line) for line in commands(block[1]) if line.startswith("rig ")]
+    assert [parse(line) for line in typed] == ["trial", "compare"]

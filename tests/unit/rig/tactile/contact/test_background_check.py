@@ -1,4 +1,4 @@
-"""A background with a contact is doubtful, by itself or from other frames; a background without is not."""
+"""Backgrounds: found in a recording, doubtful with a contact in them, and taken at the start of a clip."""
 
 import os
 from collections.abc import Callable, Iterable
@@ -8,10 +8,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from drivers.errors import InputError
 from drivers.images import read_image
 from fakes.gel.sensor import GelSensor
-from rig.tactile.contact.background import mean_background
+from rig.frames.series import evenly_spread, find_background
+from rig.tactile.contact.background import auto_background, mean_background
 from rig.tactile.contact.background_check import BackgroundCheck, gel_change
+from rig.tactile.contact.untouched import LEAST_FRAMES, OPENING_FRAMES, still_opening
 from support.desk_frames import desk_frames
 
 Image = NDArray[np.uint8]
@@ -124,3 +127,117 @@ def test_backgrounds_of_real_balls_are_not_doubted(variable: str, real_data: Pat
     balls = [read_image(file) for file in sorted(folder.glob("*_*.png" if variable.islower() else "*.png"))]
     assert not doubted(read_image(background), balls)
     assert doubted(balls[0], [read_image(background)] * 3)
+
+
+PLACES = [
+    (70, 90),
+    (160, 90),
+    (120, 160),
+    (70, 230),
+    (170, 240),
+    (120, 70),
+    (60, 160),
+    (180, 160),
+    (120, 250),
+]
+
+
+def error(background: Image, truth: Image) -> float:
+    return float(np.abs(background.astype(int) - truth).mean())
+
+
+def test_moving_contacts_are_absent_from_the_background(press: Draw, blank: Image) -> None:
+    frames = [press(20 * i, (60.0, 25.0), center, seed=i) for i, center in enumerate(PLACES)]
+    made = auto_background(frames)
+    assert made.dtype == np.uint8
+    assert error(made, blank) < 1.5
+    assert error(np.median(frames, axis=0), blank) > error(made, blank)
+
+
+def test_few_frames_without_contact_are_found_among_many(press: Draw, blank: Image) -> None:
+    frames = [press(None, seed=i) for i in range(4)] + [press(0.3 * i, seed=i) for i in range(40)]
+    assert error(auto_background(frames), blank) < 2.0
+    assert error(np.median(frames, axis=0), blank) > 4.0
+
+
+def test_background_is_complete_even_if_a_pixel_is_always_in_contact(press: Draw) -> None:
+    frames = [press(0, seed=i) for i in range(5)]
+    assert auto_background(frames).shape == (320, 240, 3)
+
+
+@pytest.mark.parametrize("make", [auto_background, mean_background])
+def test_too_few_or_mixed_frames_are_input_errors(make: Callable[[list[Image]], Image], blank: Image) -> None:
+    with pytest.raises(InputError, match="too few"):
+        make([])
+    with pytest.raises(InputError, match="use one size"):
+        make([blank, blank, blank[:100]])
+
+
+@pytest.fixture
+def rest(press: Draw) -> Callable[[int], list[Image]]:
+    return lambda count: [press(None, seed=i) for i in range(count)]
+
+
+@pytest.fixture
+def turning(press: Draw) -> Callable[[int], list[Image]]:
+    """A contact that turns by 2 degrees from frame to frame and stays in its place."""
+    return lambda count: [press(10 + 2 * i, (85, 25), seed=100 + i) for i in range(count)]
+
+
+def found(frames: list[Image]) -> tuple[Image, str]:
+    return find_background("clip", frames, evenly_spread(frames))
+
+
+def off_grey(made: Image, blank: Image) -> float:
+    return float(np.abs(made.astype(float) - blank).mean())
+
+
+def test_still_opening_before_a_contact_is_the_background(
+    rest: Callable[[int], list[Image]], turning: Callable[[int], list[Image]], blank: Image
+) -> None:
+    background, note = found([*rest(12), *turning(40)])
+    assert off_grey(background, blank) < 1.5
+    assert "first 7 frames" in note
+
+
+def test_recording_that_begins_in_contact_uses_its_most_frequent_image(
+    rest: Callable[[int], list[Image]], turning: Callable[[int], list[Image]], blank: Image
+) -> None:
+    background, note = found([*turning(12), *rest(20)])
+    assert off_grey(background, blank) < 1.5
+    assert "most alike" in note
+
+
+def test_still_contact_at_the_start_is_not_the_background(
+    press: Draw, rest: Callable[[int], list[Image]], blank: Image
+) -> None:
+    still = [press(20, (85, 25), seed=200 + i) for i in range(10)]
+    background, _ = found([*still, *rest(20)])
+    assert off_grey(background, blank) < 1.5
+
+
+@pytest.mark.parametrize("kind", ["contact throughout", "untouched throughout", "too few"])
+def test_recording_without_a_recognisable_untouched_gel_is_refused(
+    kind: str, rest: Callable[[int], list[Image]], turning: Callable[[int], list[Image]]
+) -> None:
+    frames = {"contact throughout": turning(30), "untouched throughout": rest(30), "too few": turning(2)}[
+        kind
+    ]
+    with pytest.raises(InputError, match="--background"):
+        found(frames)
+
+
+def test_opening_leaves_out_the_onset_and_is_bounded(
+    rest: Callable[[int], list[Image]], turning: Callable[[int], list[Image]]
+) -> None:
+    assert len(still_opening([*rest(100)])) == OPENING_FRAMES
+    assert len(still_opening([*rest(20), *turning(3)])) == 15
+    assert len(still_opening([*rest(5), *turning(3)])) == LEAST_FRAMES
+    assert still_opening(turning(10)) == []
+
+
+def test_frames_of_one_colour_give_a_typed_error() -> None:
+    black, white = np.zeros((320, 240, 3), np.uint8), np.full((320, 240, 3), 255, np.uint8)
+    for frames in ([black] * 20, [white] * 20, [black] * 10 + [white] * 10):
+        with pytest.raises(InputError, match="--background"):
+            found(frames)

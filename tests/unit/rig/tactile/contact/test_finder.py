@@ -1,4 +1,4 @@
-"""The classical contact mask, on drawn frames."""
+"""The classical contact mask on drawn and real frames, and the rule for touch."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -15,6 +15,7 @@ from drivers.errors import InputError
 from drivers.images import read_image
 from rig.tactile.contact.background import auto_background
 from rig.tactile.contact.finder import Contact, ContactFinder
+from rig.tactile.contact.gate import TouchDebounce
 
 Image = NDArray[np.uint8]
 Draw = Callable[..., Image]
@@ -139,3 +140,12 @@ def test_real_frame_without_contact_has_no_mask(real_data: Path) -> None:
     for light in (1.0, 0.8, 1.15):
         frame = np.clip(bare * light + rng.normal(0, 1.5, bare.shape), 0, 255).astype(np.uint8)
         assert finder.find(frame).mask is None
+
+
+def test_touch_needs_three_frames_without_a_gap() -> None:
+    touch = TouchDebounce()
+    seen = []
+    for contact in (True, False, True, True, True, False):
+        touch.update(contact)
+        seen.append(touch.sure)
+    assert seen == [False, False, False, True, True, False]

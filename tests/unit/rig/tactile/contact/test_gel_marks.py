@@ -1,10 +1,19 @@
-"""Specks of the gel are found in the background and removed from frames."""
+"""Marks of the gel, also later ones, and saturated pixels are no contact and do not disturb the angle."""
+
+from collections.abc import Callable
 
 import cv2
 import numpy as np
 import pytest
 
-from rig.tactile.contact.gel_marks import MOST_SHARE, GelMarks, found_marks
+from drivers.clock import NS_PER_S
+from drivers.types import Frame, Image
+from rig.tactile.contact.background import mean_background
+from rig.tactile.contact.gate import ContactGate
+from rig.tactile.contact.gel_marks import MOST_SHARE, GelMarks, LaterMarks, found_marks
+from rig.tactile.contact.relative import RelativeDifference, work_size
+from rig.tactile.estimators import choose_estimator
+from support.desk_frames import desk_digit, desk_frames
 from support.drawn_sensor import SPECKS, drawn_press, specked
 
 FINE = (120, 160)
@@ -39,3 +48,122 @@ def test_marks_are_filled_and_other_pixels_unchanged() -> None:
 def test_gel_without_marks_is_unchanged() -> None:
     difference = np.zeros((FINE[1], FINE[0], 3), np.float32)
     assert GelMarks(found_marks(drawn_press(None), FINE), FINE).mended(difference) is difference
+
+
+TOUCH_S, TURNED_S = 3.0, 8.0
+Pattern = Callable[[Image], Image]
+
+
+def hair(image: Image) -> Image:
+    """A dark hair across the picture."""
+    points = np.array([(40 + 4 * i, 160 + round(60 * np.sin(i / 12.0))) for i in range(40)], np.int32)
+    return drawn_over(image, [points], 0.0, 0.6, 2)
+
+
+def scratches(image: Image) -> Image:
+    """Three bright scratches."""
+    ends = (((30, 60), (150, 130)), ((200, 90), (110, 240)), ((60, 260), (190, 200)))
+    return drawn_over(image, [np.array(pair, np.int32) for pair in ends], 255.0, 0.35, 2)
+
+
+def dust(image: Image) -> Image:
+    """Dark specks."""
+    spots = [np.array([(x, y), (x + 4, y + 2)], np.int32) for x, y in SPECKS]
+    return drawn_over(image, spots, 0.0, 0.6, 4)
+
+
+def drawn_over(image: Image, lines: list[np.ndarray], grey: float, opacity: float, width: int) -> Image:
+    cover = np.zeros(image.shape[:2], np.uint8)
+    cv2.polylines(cover, lines, False, 255, width, cv2.LINE_AA)
+    share = opacity * cover[..., None] / 255.0
+    return np.rint((1.0 - share) * image + share * grey).astype(np.uint8)
+
+
+def pixels(image: Image) -> Image:
+    """Single pixels that are always white."""
+    copy, rng = image.copy(), np.random.default_rng(3)
+    copy[rng.integers(60, 260, 20), rng.integers(60, 180, 20)] = 255
+    return copy
+
+
+@pytest.fixture(scope="module")
+def desk() -> list[Frame]:
+    """Frames of a simulated press, 15 per second: 1 s without contact, then a touch and a turn."""
+    return list(desk_frames(TURNED_S))[::2]
+
+
+def background_of(desk: list[Frame]) -> Image:
+    return mean_background([frame.image for frame in desk[:8]])
+
+
+@pytest.mark.parametrize("pattern", [hair, scratches, dust, pixels])
+def test_marks_that_came_after_the_background_are_left_out(desk: list[Frame], pattern: Pattern) -> None:
+    estimator = choose_estimator("slip").make(background_of(desk))
+    samples = [estimator.update(pattern(frame.image), frame.time_ns) for frame in desk]
+    assert {sample.state for sample in samples if sample.time_ns < 2.95 * NS_PER_S} == {"no_contact"}
+    zero = next(sample for sample in samples if sample.settled and sample.angle_deg is not None)
+    digit, last = desk_digit(), samples[-1]
+    digit.draw(0, np.random.default_rng(0))
+    turned = [digit.turn_deg(sample.time_ns) for sample in (zero, last)]
+    assert last.angle_deg - zero.angle_deg == pytest.approx(turned[1] - turned[0], abs=1.5)
+
+
+def test_what_an_object_leaves_on_the_gel_is_no_contact() -> None:
+    background, step_ns = drawn_press(None), NS_PER_S // 20
+    estimator = choose_estimator("slip").make(background)
+    pictures = [drawn_press(None, seed=n) for n in range(10)] + [drawn_press(n, seed=n) for n in range(20)]
+    left = [hair(drawn_press(None, seed=n)) for n in range(100, 130)]
+    states = [estimator.update(one, n * step_ns).state for n, one in enumerate([*pictures, *left])]
+    assert set(states[12:30]) <= {"tracking", "rekeyed"}
+    assert set(states[42:]) == {"no_contact"}
+
+
+def difference(image: Image, background: Image) -> np.ndarray:
+    light = RelativeDifference(background, FINE)
+    return light.of(light.reduced(image))
+
+
+def test_later_marks_are_found_and_forgotten_when_wiped_off() -> None:
+    background = drawn_press(None)
+    marks, dirty = LaterMarks(found_marks(background, FINE)), specked(background, 0.4)
+    changed = [marks.add(difference(dirty, background)) for _ in range(4)]
+    assert changed == [False, True, False, False]
+    centers = {(round(x), round(y)) for x, y in cv2.connectedComponentsWithStats(marks.marked)[3][1:]}
+    assert centers == {(x // 2, y // 2) for x, y in SPECKS}
+    for _ in range(40):
+        marks.add(difference(background, background))
+    assert not marks.marked.any()
+
+
+def test_frames_beside_a_contact_are_not_searched() -> None:
+    background = drawn_press(None)
+    marks, faint = LaterMarks(found_marks(background, FINE)), difference(specked(background, 0.4), background)
+    marks.add(faint)
+    marks.touched()
+    assert not marks.add(faint)
+    assert not marks.add(difference(background, background))
+    assert not marks.marked.any()
+
+
+def explained(image: Image, background: Image) -> bool:
+    light = RelativeDifference(background, (60, 80))
+    region = ContactGate().find(light.of(light.reduced(image)))
+    return LaterMarks(found_marks(background, FINE)).explain(difference(image, background), region.mask)
+
+
+def test_contact_is_not_explained_by_marks() -> None:
+    background = drawn_press(None)
+    assert explained(specked(background, 0.4), background)
+    assert explained(hair(background), background)
+    assert not explained(specked(drawn_press(20.0), 0.4), background)
+    for half_axes in ((56.0, 17.5), (36.0, 11.0), (24.0, 7.5)):
+        assert not explained(drawn_press(20.0, half_axes, strength=0.7), background)
+
+
+def test_saturated_pixels_are_no_contact() -> None:
+    background = cv2.convertScaleAbs(drawn_press(None), alpha=1.6)
+    dark = np.asarray(background // 2, np.uint8)
+    dark[100:220, 60:180] = 160
+    light = RelativeDifference(dark, work_size(dark.shape, 1.0))
+    bright = np.clip(2.0 * dark.astype(np.float32), 0, 255).astype(np.uint8)
+    assert ContactGate().find(light.of(light.reduced(bright))) is None

@@ -1,4 +1,4 @@
-"""Calibration protocols find the parameters of the simulated bench; poses are visited at rest, within limits."""
+"""Calibration protocols find the parameters of the simulated bench; poses are visited within limits."""
 
 import csv
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""`rig live` in a browser: on two MJPEG streams of 60 frames per second, on the fake, and from given readings.
+"""`rig live` in a browser: on two MJPEG streams of 60 frames per second, the fake, and given readings.
 
 With `-s` it prints the figures: delay from a frame's capture to the screen, dropped frames, share of a core;
 time from the command to the page and to a live angle.

@@ -1,6 +1,6 @@
-"""A running controller, and the UR5e's driver connected to it."""
+"""Running controllers, and the UR5e's driver connected to one."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import pytest
 
@@ -10,17 +10,28 @@ from support.ur5e import let_go_of_arms, make_arm, make_controller
 
 
 @pytest.fixture
-def controller() -> Iterator[URController]:
-    controller = make_controller()
-    controller.start()
-    yield controller
+def started() -> Iterator[Callable[..., URController]]:
+    """Starts controllers, `started(version)`; the test's arms are disconnected before they stop."""
+    running: list[URController] = []
+
+    def start(*version: str) -> URController:
+        running.append(make_controller(*version))
+        running[-1].start()
+        return running[-1]
+
+    yield start
     let_go_of_arms()
-    controller.stop()
+    for controller in running:
+        controller.stop()
 
 
 @pytest.fixture
-def arm(controller: URController) -> Iterator[UR5e]:
+def controller(started: Callable[..., URController]) -> URController:
+    return started()
+
+
+@pytest.fixture
+def arm(controller: URController) -> UR5e:
     arm = make_arm(controller.host)
     arm.connect()
-    yield arm
-    arm.disconnect()
+    return arm

@@ -1,5 +1,7 @@
 """The UR5e's driver in protective stops and in every fault, at connect and in mid-motion."""
 
+from collections.abc import Callable
+
 import pytest
 
 from drivers.errors import (
@@ -16,7 +18,7 @@ from drivers.ur5e.motion import PLAYING
 from drivers.ur5e.setup import ToolSetting
 from fakes.wire.ur.controller import URController
 from support.marks import long
-from support.ur5e import agree, first_error, make_arm, make_controller, stands
+from support.ur5e import agree, first_error, make_arm, stands
 from support.waiting import until
 from support.worlds import HOME
 
@@ -50,7 +52,6 @@ def test_connecting_during_a_protective_stop_and_recovery_work(controller: URCon
         arm.move_linear(HOME, 0.1, 1.0)
     arm.recover(agree)
     arm.move_linear(HOME.translated(z_m=-0.01), 0.25, 1.0).wait(5.0)
-    arm.disconnect()
 
 
 def test_program_that_ends_before_the_tool_is_known_is_restarted(
@@ -69,7 +70,6 @@ def test_program_that_ends_before_the_tool_is_known_is_restarted(
     arm = make_arm(controller.host)
     arm.connect()
     arm.move_linear(HOME.translated(z_m=-0.01), 0.25, 1.0).wait(5.0)
-    arm.disconnect()
 
 
 @pytest.mark.parametrize(
@@ -129,15 +129,12 @@ def test_fault_at_connect_is_named_at_once(
         arm.state()
 
 
-def test_old_polyscope_is_named_before_any_process_starts(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_old_polyscope_is_named_before_any_process_starts(
+    started: Callable[..., URController], monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr("drivers.ur5e.link.ChildProcess", lambda *_: pytest.fail("a process was started"))
-    controller = make_controller("5.3.9")
-    controller.start()
-    try:
-        with pytest.raises(DeviceError, match=r"PolyScope 5\.3, which is too old"):
-            make_arm(controller.host).connect()
-    finally:
-        controller.stop()
+    with pytest.raises(DeviceError, match=r"PolyScope 5\.3, which is too old"):
+        make_arm(started("5.3.9").host).connect()
 
 
 def test_local_control_of_the_pendant_prevents_the_start(controller: URController, arm: UR5e) -> None:

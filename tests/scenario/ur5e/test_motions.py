@@ -2,6 +2,7 @@
 
 import socket
 import threading
+from collections.abc import Callable
 from types import SimpleNamespace
 from typing import Any
 
@@ -23,29 +24,24 @@ from protocols.steps import move
 from support.benches import NOISE_M
 from support.marks import long
 from support.slow_motion import CLOCK, SLOWNESS
-from support.ur5e import agree, make_arm, make_controller, stands
+from support.ur5e import agree, make_arm, stands
 from support.waiting import until
 from support.worlds import HOME
 
 pytest.importorskip("rtde_control", reason="ur-rtde is not installed here")
+Start = Callable[..., URController]
 
 
 @pytest.mark.parametrize("version", ["5.4.0", "5.25.0", *long("5.5.1", "5.11.0")])
-def test_motion_works_on_all_supported_controller_versions(version: str) -> None:
-    controller = make_controller(version)
-    controller.start()
-    arm = make_arm(controller.host)
-    try:
-        arm.connect()
-        motion = arm.move_linear(HOME.translated(z_m=-0.05), 0.25, 1.0)
-        assert motion.progress() < 0.9
-        motion.wait(5.0)
-        assert motion.progress() == 1.0
-        assert arm.state().base_T_tcp.position_m == pytest.approx((0.45, 0.0, 0.25), abs=1e-4)
-        assert arm.identity()["firmware"].startswith(version)
-    finally:
-        arm.disconnect()
-        controller.stop()
+def test_motion_works_on_all_supported_controller_versions(started: Start, version: str) -> None:
+    arm = make_arm(started(version).host)
+    arm.connect()
+    motion = arm.move_linear(HOME.translated(z_m=-0.05), 0.25, 1.0)
+    assert motion.progress() < 0.9
+    motion.wait(5.0)
+    assert motion.progress() == 1.0
+    assert arm.state().base_T_tcp.position_m == pytest.approx((0.45, 0.0, 0.25), abs=1e-4)
+    assert arm.identity()["firmware"].startswith(version)
 
 
 def test_connecting_moves_nothing_and_sets_up_the_tool(controller: URController, arm: UR5e) -> None:
@@ -61,7 +57,6 @@ def test_idle_program_on_the_controller_is_replaced(controller: URController) ->
     arm = make_arm(controller.host)
     arm.connect()
     arm.move_linear(HOME.translated(z_m=-0.01), 0.25, 1.0).wait(5.0)
-    arm.disconnect()
 
 
 def test_program_that_moves_the_arm_is_not_disturbed(controller: URController) -> None:
@@ -74,21 +69,15 @@ def test_program_that_moves_the_arm_is_not_disturbed(controller: URController) -
     assert controller.snapshot()["program_running"]
 
 
-def test_two_arms_in_one_program_are_independent(controller: URController) -> None:
-    other = make_controller()
-    other.start()  # before either arm connects: starting it keeps this process busy
-    arm, second = make_arm(controller.host), make_arm(other.host)
-    try:
+def test_two_arms_in_one_program_are_independent(started: Start) -> None:
+    # both start before either arm connects, because a start keeps this process busy
+    arms = [make_arm(controller.host) for controller in (started(), started())]
+    for arm in arms:
         arm.connect()
-        second.connect()
-        arm.move_linear(HOME.translated(z_m=-0.05), 0.25, 1.0).wait(5.0)
-        second.move_linear(HOME.translated(z_m=0.05), 0.25, 1.0).wait(5.0)
-        assert arm.state().base_T_tcp.position_m[2] == pytest.approx(0.25, abs=1e-4)
-        assert second.state().base_T_tcp.position_m[2] == pytest.approx(0.35, abs=1e-4)
-    finally:
-        arm.disconnect()
-        second.disconnect()
-        other.stop()
+    for arm, z_m in zip(arms, (-0.05, 0.05), strict=True):
+        arm.move_linear(HOME.translated(z_m=z_m), 0.25, 1.0).wait(5.0)
+    heights = [arm.state().base_T_tcp.position_m[2] for arm in arms]
+    assert heights == pytest.approx([0.25, 0.35], abs=1e-4)
 
 
 def test_stop_from_another_thread_ends_the_motion(controller: URController, arm: UR5e) -> None:
@@ -136,7 +125,6 @@ def test_motion_beyond_the_joint_limits_is_rejected(controller: URController) ->
     arm.connect()
     with pytest.raises(OutOfLimitsError, match="joint 1"):
         arm.move_linear(HOME.translated(z_m=-0.01), 0.1, 1.0)
-    arm.disconnect()
 
 
 def at_rest(arm: UR5e) -> bool:
@@ -189,7 +177,6 @@ def test_different_tool_on_the_controller_is_overwritten_only_after_a_question(
     assert controller.robot.bank.get("payload") == 1.8
     arm.move_linear(HOME.translated(z_m=-0.01), 0.25, 1.0).wait(5.0)
     arm.recover(lambda question: pytest.fail(question))
-    arm.disconnect()
 
 
 def test_different_tcp_of_the_installation_causes_a_question(controller: URController) -> None:
@@ -201,7 +188,6 @@ def test_different_tcp_of_the_installation_causes_a_question(controller: URContr
     arm.recover(asked.append)
     assert "TCP (0, 0, 0.2, 0, 0, 0) instead of (0, 0, 0.28, 0, 0, 0)" in asked[0]
     assert controller.robot.body.tool == pytest.approx(ours)
-    arm.disconnect()
 
 
 def test_the_speed_slider_is_read_before_and_while_the_arm_is_connected(controller: URController) -> None:
@@ -214,7 +200,6 @@ def test_the_speed_slider_is_read_before_and_while_the_arm_is_connected(controll
     assert arm.state().speed_fraction == 0.4
     controller.robot.write_inputs({"speed_slider_mask": 1, "speed_slider_fraction": 0.7})
     until(lambda: arm.state().speed_fraction == 0.7)
-    arm.disconnect()
 
 
 def test_descent_is_stopped_at_the_table(controller: URController, arm: UR5e) -> None:

@@ -2,15 +2,15 @@
 
 import resource
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from drivers.errors import OperatorStopError, RecordingError
-from drivers.types import ArmState, Frame
-from protocols.observer import LiftObserver, Phase
+from drivers.types import Frame
+from protocols.observer import Phase
 from protocols.slip_trial import run_lift
 from rig.bench.assembly import build_bench
 from rig.config import BenchConfig
@@ -27,25 +27,6 @@ from support.benches import lighter
 from support.marks import long
 
 TASK = LiftTask(1, "t1", 2)
-
-
-@dataclass
-class Relay(LiftObserver):
-    """Passes on what it sees."""
-
-    to: LiftMeasurement
-
-    def phase(self, phase: Phase, time_ns: int) -> None:
-        self.to.phase(phase, time_ns)
-
-    def frame(self, frame: Frame) -> None:
-        self.to.frame(frame)
-
-    def arm(self, state: ArmState) -> None:
-        self.to.arm(state)
-
-    def touching(self, serial: str) -> bool:
-        return self.to.touching(serial)
 
 
 def settings(estimator: str | None = None, **changes: object) -> TrialSettings:
@@ -133,22 +114,24 @@ def test_dropped_frames_are_counted_and_the_lift_goes_on() -> None:
     assert row.dropped["SIM-D0001"] == 4  # of 0.2 s at 20 frames/s
 
 
-def test_operator_stop_sets_the_object_down_first() -> None:
+def test_operator_stop_sets_the_object_down_first(monkeypatch: pytest.MonkeyPatch) -> None:
     config = settings()
     bench, operator = build_bench(config.bench, seed=3)
     plan = plan_lift(config, TASK, bench.base_T_table)
 
-    class Stopping(Relay):
-        def phase(self, phase: Phase, time_ns: int) -> None:
-            super().phase(phase, time_ns)
-            if phase is Phase.HOLD:
-                raise OperatorStopError("stopped")
+    passed_on = LiftMeasurement.phase
 
+    def stop_in_hold(measurement: LiftMeasurement, phase: Phase, time_ns: int) -> None:
+        passed_on(measurement, phase, time_ns)
+        if phase is Phase.HOLD:
+            raise OperatorStopError("stopped")
+
+    monkeypatch.setattr(LiftMeasurement, "phase", stop_in_hold)
     with bench.connected():
         bench.gripper.activate()
         operator.place("t1", "wrench")
         with pytest.raises(OperatorStopError) as raised:
-            run_lift(bench, plan, Stopping(new_measurement(config)))
+            run_lift(bench, plan, new_measurement(config))
         height = bench.arm.state().base_T_tcp.position_m[2]
         opening_m = bench.gripper.state().opening_m
     assert "set down" in raised.value.__notes__[0]
@@ -173,18 +156,17 @@ def test_full_disk_in_mid_lift_is_an_error_and_the_lift_ends_safely(tmp_path: Pa
     assert note in ("object set down, fingers open, arm retreated", "nothing held, fingers open, arm risen")
 
 
-def test_frames_of_noise_give_no_answer(one_lift: Path) -> None:
-    measurement = new_measurement(settings())
+def test_frames_of_noise_give_no_answer(one_lift: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    measurement, passed_on = new_measurement(settings()), LiftMeasurement.frame
 
-    class Noise(Relay):
-        def frame(self, frame: Frame) -> None:
-            if frame.serial in self.to.angle.tips:
-                rng = np.random.default_rng(frame.sequence)
-                noise = rng.normal(110, 3, frame.image.shape).clip(0, 255).astype(np.uint8)
-                frame = Frame(noise, frame.time_ns, frame.sequence, frame.serial)
-            super().frame(frame)
+    def noisy(to: LiftMeasurement, frame: Frame) -> None:
+        if frame.serial in to.angle.tips:
+            noise = np.random.default_rng(frame.sequence).normal(110, 3, frame.image.shape)
+            frame = replace(frame, image=noise.clip(0, 255).astype(np.uint8), jpeg=None)
+        passed_on(to, frame)
 
-    show_again(one_lift / "lifts" / "001.mcap", Noise(measurement))
+    monkeypatch.setattr(LiftMeasurement, "frame", noisy)
+    show_again(one_lift / "lifts" / "001.mcap", measurement)
     row, _ = lift_result(measurement, read_finished_lifts(one_lift)[0])
     assert row.answered == 0.0
     assert row.re is None

@@ -40,7 +40,7 @@ def make_arm(
 
 
 def let_go_of_arms() -> None:
-    """Disconnect every arm that was made: what a test left connected is found by no later one."""
+    """Disconnect all arms that `make_arm` has made."""
     while _made:
         _made.pop().disconnect()
 

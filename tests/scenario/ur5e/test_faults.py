@@ -1,6 +1,7 @@
 """The UR5e's driver in protective stops and in every fault, at connect and in mid-motion."""
 
 from collections.abc import Callable
+from typing import Any
 
 import pytest
 
@@ -119,8 +120,9 @@ def test_fault_in_mid_motion_is_named_and_stops_the_arm(
     ],
 )
 def test_fault_at_connect_is_named_at_once(
-    controller: URController, kind: str, arguments: dict[str, bool | str], said: str
+    controller: URController, monkeypatch: pytest.MonkeyPatch, kind: str, arguments: dict[str, Any], said: str
 ) -> None:
+    monkeypatch.setattr("drivers.ur5e.link.STREAM_START_S", 1.0)
     controller.inject(kind, **arguments)
     arm = make_arm(controller.host)
     with pytest.raises(DeviceError, match=said):

@@ -13,6 +13,7 @@ from typing import Any
 import pytest
 
 from fakes.wire.ur.controller import URController
+from support.marks import long
 from support.slow_motion import SLOWNESS
 from support.waiting import until
 
@@ -164,13 +165,15 @@ def test_calls_of_scripts_are_simulated(controller: URController, names: tuple[s
     ("call", "name"),
     [
         ("control.forceMode([0] * 6, [0, 0, 1, 0, 0, 0], [0, 0, -5, 0, 0, 0], 2, [1] * 6)", "forceMode"),
-        ("control.servoC(low, 0.1, 0.5, 0.01)", "servoC"),
         ("control.jogStart([0, 0, 0.02, 0, 0, 0])", "jogStart"),
-        ("control.moveUntilContact([0, 0, -0.1, 0, 0, 0])", "moveUntilContact"),
-        ("control.poseTrans(home, low)", "poseTrans"),
         (
             "control.sendCustomScriptFunction('lamp', 'set_standard_digital_out(1, True)')",
             "write_output_integer_register",
+        ),
+        *long(
+            ("control.servoC(low, 0.1, 0.5, 0.01)", "servoC"),
+            ("control.moveUntilContact([0, 0, -0.1, 0, 0, 0])", "moveUntilContact"),
+            ("control.poseTrans(home, low)", "poseTrans"),
         ),
     ],
 )
@@ -211,7 +214,11 @@ pause(0.1)
 
 @pytest.mark.parametrize(
     "start",
-    ["servoJ(q, 0.5, 0.5, 0.008, 0.1, 300)", "speedL([0, 0, -0.01, 0, 0, 0])", "moveL(low, 0.02, 1.2, True)"],
+    [
+        "servoJ(q, 0.5, 0.5, 0.008, 0.1, 300)",
+        "moveL(low, 0.02, 1.2, True)",
+        *long("speedL([0, 0, -0.01, 0, 0, 0])"),
+    ],
 )
 def test_motion_beside_another_one_ends_the_program(
     controller: URController, caplog: pytest.LogCaptureFixture, start: str

@@ -216,7 +216,7 @@ def test_doctor_and_calibration_work_with_one_sensor(desk: Path, tmp_path: Path)
 def test_camera_alone_is_calibrated_with_a_board_held_by_hand(tmp_path: Path) -> None:
     file = tmp_path / "eye.toml"
     file.write_text(EYE)
-    # the simulated person holds the board, so that nobody is asked
+    # the simulated person holds the board, and is asked nothing
     person = ConsoleOperator(lambda question: pytest.fail(question))
     at = Station(load_bench(str(file)), 0, tmp_path / "c", person, lambda text: None)
     result = collect_camera(at, parse_target("charuco:8x6:25:18:DICT_5X5_100"), 8)

@@ -67,7 +67,7 @@ def falling(*of: object) -> LiftPlan:
 def test_only_the_next_object_needs_a_person_and_the_campaign_can_be_resumed(
     tmp_path: Path, light_bench: BenchConfig
 ) -> None:
-    """Between the lifts of one object nobody is asked, because it is set down in its place."""
+    """Between the lifts of one object no question is asked, because it is set down in its place."""
     alone = Attended(light_bench)
     with pytest.raises(OperatorStopError) as stopped:
         run(tmp_path / "s", alone, ["t1", "t2"], 2)

@@ -57,6 +57,12 @@ def test_drifting_light_does_not_change_the_detection(
     assert dice(finder.find(press(30, light=light)).mask, drawn_mask(30)) > 0.85
 
 
+def test_speck_below_a_hundredth_of_the_frame_is_no_contact(press: Draw, blank: Image) -> None:
+    finder = ContactFinder(blank)
+    assert finder.find(press(20, (8.0, 5.0), strength=2.0)).mask is None
+    assert finder.find(press(20, (20.0, 12.0), strength=2.0)).mask is not None
+
+
 def test_contact_detection_has_hysteresis(press: Draw, blank: Image) -> None:
     strengths = np.arange(0.02, 0.6, 0.01)
     frames = [press(0, strength=strength) for strength in strengths]

@@ -10,7 +10,7 @@ from enum import IntEnum
 from types import FrameType
 from typing import TYPE_CHECKING
 
-from drivers.errors import EstimatorError, InputError, OperatorStopError, RigError, SessionError
+from drivers.errors import EstimatorError, InputError, OperatorStopError, SessionError
 from rig.terminal.screen import discard
 
 if TYPE_CHECKING:
@@ -69,12 +69,6 @@ def emit_error(message: str, kind: str, code: int) -> None:
     if "--json" in sys.argv and not _answered:
         with suppress(OSError, ValueError):
             emit_json({"error": {"kind": kind, "message": message, "exit_code": code}})
-
-
-def exit_code(error: RigError) -> Exit:
-    if isinstance(error, OperatorStopError):
-        return Exit.STOPPED
-    return Exit.USAGE if isinstance(error, InputError) else Exit.FAULT
 
 
 def report_broken(problems: Sequence[str]) -> None:

@@ -8,10 +8,10 @@ from typing import Annotated
 
 import typer
 
-from drivers.errors import OperatorStopError, RigError
+from drivers.errors import InputError, OperatorStopError, RigError
 from rig.cli.benchmark import Program, benchmark
 from rig.cli.calibrate import calibrate
-from rig.cli.common import STOPS, Exit, begin_answer, emit_error, exit_code, say, stop_on_signals
+from rig.cli.common import STOPS, Exit, begin_answer, emit_error, say, stop_on_signals
 from rig.cli.compare import compare
 from rig.cli.doctor import doctor
 from rig.cli.estimate import estimate, explain
@@ -106,7 +106,10 @@ def _run_and_report() -> None:
             _run(printed)
     except RigError as error:
         notes = "".join(f" [{note}]" for note in getattr(error, "__notes__", []))
-        _end(f"{error}{notes}", type(error).__name__, exit_code(error))
+        code = Exit.USAGE if isinstance(error, InputError) else Exit.FAULT
+        if isinstance(error, OperatorStopError):
+            code = Exit.STOPPED
+        _end(f"{error}{notes}", type(error).__name__, code)
     except OSError as error:  # an access to a file that has no error handling of its own
         _end(f"{error.filename or 'a file'}: {error.strerror or error}", "OSError", Exit.FAULT)
 

@@ -1,4 +1,4 @@
-"""`rig train`, `train-angle`, `train-turning`, `model`, `estimators`: networks and estimators."""
+"""`rig train`, `train-angle`, `train-turning`, `model`, `estimators`: networks, and a list of estimators."""
 
 import re
 from dataclasses import dataclass

@@ -7,6 +7,7 @@ checked frame by frame in `drivers.tally.StreamTimes`.
 """
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path, PurePath
@@ -261,7 +262,11 @@ def _places(table: Path, rows: Sequence[_Row], names: Sequence[str]) -> list[int
     numbered = not any(row.frame in known for row in rows)
     seen: dict[int, int] = {}
     for row in rows:
-        place = _number_of(row.frame, len(names)) if numbered else known.get(row.frame)
+        place = known.get(row.frame)
+        if numbered:
+            with suppress(FormatError):  # a number may also be written as 2.0e+00
+                place = parse_whole(row.frame)
+                place = place if 0 <= place < len(names) else None
         if place is None:
             raise InputError(
                 f"{table}: line {row.line}: there is no frame {shown(row.frame)}: remove the row"
@@ -278,15 +283,6 @@ def _places(table: Path, rows: Sequence[_Row], names: Sequence[str]) -> list[int
                 f"{later} comes before line {line} in time or in the frames' order: sort the rows"
             )
     return list(seen)
-
-
-def _number_of(text: str, count: int) -> int | None:
-    """Return the number of a frame, also if it is written as 2.0e+00; None if there is no such frame."""
-    try:
-        number = parse_whole(text)
-    except FormatError:
-        return None
-    return number if 0 <= number < count else None
 
 
 def _by_name(names: Sequence[str]) -> dict[str, int]:

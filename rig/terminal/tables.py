@@ -106,7 +106,7 @@ def _unfolded(columns: Sequence[Sequence[Text]], widths: list[int], room: int) -
 
 def _narrowest(cells: Sequence[Text], height: int) -> int:
     """Return the smallest width at which every cell has at most `height` lines."""
-    width = max(map(_longest_word, cells))
+    width = max((cell_len(word) for text in cells for word in text.plain.split()), default=0)
     while max(_height(text, width) for text in cells) > height:
         width += 1
     return width
@@ -130,7 +130,3 @@ def _lines(table: Table, columns: Sequence[Sequence[Text]]) -> Group:
 
 def _text(cell: Any) -> Text:
     return Text(plain(cell.plain if isinstance(cell, Text) else str(cell)))
-
-
-def _longest_word(text: Text) -> int:
-    return max((cell_len(word) for word in text.plain.split()), default=0)

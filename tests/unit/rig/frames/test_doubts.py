@@ -74,28 +74,26 @@ def test_other_light_than_the_backgrounds_is_no_contact(
     assert warnings(lift, dim, tmp_path) == []
 
 
-def test_a_first_frame_that_is_sound_raises_no_doubt(lift: list[Image]) -> None:
-    assert frame_doubts(series(lift)) == []
-    assert frame_doubts(series(lift[8:])) == [], "a contact from the first frame on is no stale frame"
-    assert frame_doubts(series(lift[:3])) == []
+FIRST_FRAMES: dict[str, tuple[Callable[[list[Image]], list[Image]], str]] = {
+    "sound": (lambda lift: lift, ""),
+    "a contact from the first frame on": (lambda lift: lift[8:], ""),
+    "few frames": (lambda lift: lift[:3], ""),
+    "slightly darker": (lambda lift: [(lift[0] * 0.85).astype(np.uint8), *lift], ""),
+    "dark": (lambda lift: [(lift[0] * 0.3).astype(np.uint8), *lift], "the first frame is dark"),
+    "from before": (lambda lift: [lift[12], *lift], "the first frame differs from all frames after it"),
+    "grey": (
+        lambda lift: [np.repeat(i.mean(axis=2, keepdims=True).astype(np.uint8), 3, axis=2) for i in lift],
+        "no colour",
+    ),
+}
 
 
-def test_a_dark_first_frame_is_named(lift: list[Image]) -> None:
-    dark = (lift[0] * 0.3).astype(np.uint8)
-    (doubt,) = frame_doubts(series([dark, *lift]))
-    assert "the first frame is dark" in doubt
-    assert frame_doubts(series([(lift[0] * 0.85).astype(np.uint8), *lift])) == []
-
-
-def test_frames_without_colour_are_named(lift: list[Image]) -> None:
-    grey = [np.repeat(image.mean(axis=2, keepdims=True).astype(np.uint8), 3, axis=2) for image in lift]
-    (doubt,) = frame_doubts(series(grey))
-    assert "no colour" in doubt
-
-
-def test_a_first_frame_from_before_is_named(lift: list[Image]) -> None:
-    (doubt,) = frame_doubts(series([lift[12], *lift]))
-    assert "the first frame differs from all frames after it" in doubt
+@pytest.mark.parametrize("name", FIRST_FRAMES)
+def test_stale_dark_or_grey_frames_are_named(lift: list[Image], name: str) -> None:
+    change, said = FIRST_FRAMES[name]
+    doubts = frame_doubts(series(change(lift)))
+    assert len(doubts) == bool(said)
+    assert said in "".join(doubts)
 
 
 def test_contact_growing_from_the_second_frame_raises_no_doubt(lift: list[Image], press: Draw) -> None:

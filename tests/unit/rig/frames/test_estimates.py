@@ -1,9 +1,19 @@
-"""The loop from frames to samples: arm states, unreadable frames, several estimators."""
+"""The loop from frames to samples: arm states, unreadable frames, several estimators, times per frame."""
 
 import numpy as np
+import pytest
 
 from drivers.types import ArmMode, ArmState, Image, Pose
-from rig.frames.estimates import estimate_frames, estimate_series, estimate_together
+from rig.frames.estimates import (
+    Estimate,
+    contact_ms,
+    estimate_frames,
+    estimate_series,
+    estimate_together,
+    figures,
+    frame_ms,
+    zeroed,
+)
 from rig.frames.series import FrameSeries, TimedFrame
 from rig.frames.times import FrameTime
 from rig.tactile.sample import SlipSample, State, TactileEstimator
@@ -65,3 +75,31 @@ def test_each_frame_is_estimated_by_all_estimators_before_the_next() -> None:
         "a": [1, 2],
         "b": [1, 2],
     }
+
+
+def timed(number: int, state: State, cost_s: float | None, jumped: bool = False) -> SlipSample:
+    angle_deg = 0.0 if state is State.TRACKING else None
+    time_ns = number * 10_000_000
+    return SlipSample(time_ns, state, angle_deg, contact_area_px=900.0, jumped=jumped, cost_s=cost_s)
+
+
+TIMED = [
+    *(timed(number, State.NO_CONTACT, 0.0005) for number in range(20)),
+    *(timed(20 + number, State.TRACKING, 0.001 * (number + 1)) for number in range(11)),
+    timed(31, State.LOST, None),  # could not be read
+    timed(32, State.LOST, 0.0001, jumped=True),  # was not processed
+    timed(33, State.UNOBSERVABLE, 0.012),
+]
+
+
+@pytest.mark.parametrize(
+    ("samples", "expected"), [(TIMED, (6.5, 10.9, 11.89)), (TIMED[:20], (None, None, None))]
+)
+def test_only_processed_frames_with_contact_are_timed(
+    samples: list[SlipSample], expected: tuple[float | None, ...]
+) -> None:
+    times = tuple(FrameTime(str(sample.time_s), sample.time_ns) for sample in samples)
+    found = figures(zeroed(Estimate(times, tuple(samples)), None))
+    assert (found.median_ms, found.p90_ms, found.p99_ms) == pytest.approx(expected)
+    assert contact_ms(TIMED) == pytest.approx([float(ms) for ms in range(1, 13)])
+    assert frame_ms([]) is None

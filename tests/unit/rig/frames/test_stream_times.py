@@ -227,13 +227,3 @@ def test_estimator_loses_frames_with_constant_times(
     samples = [estimator.update(image, EPOCH_NS) for image in turning[0]]
     assert {sample.state for sample in samples[1:]} == {State.LOST}
     assert all(sample.angle_deg is None for sample in samples[1:])
-
-
-@pytest.mark.parametrize(
-    "times_s", [np.zeros(32), np.float32(1.763e9 + np.arange(32) / 60), np.arange(32) // 10]
-)
-def test_function_refuses_ambiguous_times(
-    turning: tuple[list[Image], list[float]], blank: Image, times_s: NDArray[np.float64]
-) -> None:
-    with pytest.raises(InputError, match="have the time of the previous frame"):
-        rig.estimate(turning[0], blank, times_s=times_s)

@@ -4,7 +4,7 @@ import resource
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -116,36 +116,33 @@ def test_killed_recording_keeps_every_frame_with_its_time(tmp_path: Path, frames
     assert times == pytest.approx([0.02 * n for n in range(len(times))])
 
 
-@pytest.mark.parametrize("kept", [2, 3, 7, 9])
-def test_frames_without_a_row_continue_at_the_median_step(tmp_path: Path, kept: int) -> None:
+EVEN, ASSUMED = 0.02, 1 / 60
+"""Steps between the recorded times, and between the times that are assumed without any, s."""
+TABLES: dict[str, tuple[Callable[[list[str]], str], float, str]] = {
+    **{
+        f"only {kept} rows": (
+            lambda rows, kept=kept: "".join(rows[: kept + 1]), EVEN, f"{10 - kept} of 10 frames have no time"
+        )
+        for kept in (2, 3, 7, 9)
+    },
+    "one row": (lambda rows: "".join(rows[:2]), ASSUMED, ""),
+    "a row in between is missing": (lambda rows: "".join(r for r in rows if "000003" not in r), EVEN, ""),
+    **{f"cut by {cut}": (lambda rows, cut=cut: "".join(rows)[:-cut], EVEN, "") for cut in (1, 4, 12, 20)},
+    **{
+        repr(text): (lambda _, text=text: text, ASSUMED, "has no times: 60 frames per second assumed")
+        for text in ("", "frame,t_s\n", "frame,t", "frame,t_s\n000000.jpg,0.0")
+    },
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", TABLES)
+def test_times_that_an_interrupted_table_lacks_are_computed(tmp_path: Path, name: str) -> None:
+    change, step_s, note = TABLES[name]
     clip = recorded(tmp_path / "c", 10)
-    (clip / TIMES).write_text("".join(lines(clip)[: kept + 1]))
+    (clip / TIMES).write_text(change(lines(clip)))
     times, notes = read(clip)
-    assert times == pytest.approx([0.02 * n for n in range(10)])
-    assert any(f"{10 - kept} of 10 frames have no time" in note for note in notes)
-
-
-def test_one_row_continues_at_the_assumed_rate(tmp_path: Path) -> None:
-    clip = recorded(tmp_path / "c", 4)
-    (clip / TIMES).write_text("".join(lines(clip)[:2]))
-    assert read(clip)[0] == pytest.approx([n / 60 for n in range(4)])
-
-
-@pytest.mark.parametrize("text", ["", "frame,t_s\n", "frame,t", "frame,t_s\n000000.jpg,0.0"])
-def test_clip_without_a_complete_row_is_read_at_the_assumed_rate(tmp_path: Path, text: str) -> None:
-    clip = recorded(tmp_path / "c", 4)
-    (clip / TIMES).write_text(text)
-    times, notes = read(clip)
-    assert times == pytest.approx([n / 60 for n in range(4)], abs=1e-6)
-    assert any("has no times: 60 frames per second assumed" in note for note in notes)
-
-
-@pytest.mark.parametrize("cut", [1, 4, 12, 20])
-def test_incomplete_last_row_of_a_recording_is_no_time(tmp_path: Path, cut: int) -> None:
-    clip = recorded(tmp_path / "c", 10)
-    text = (clip / TIMES).read_text()
-    (clip / TIMES).write_text(text[:-cut])
-    assert read(clip)[0] == pytest.approx([0.02 * n for n in range(10)])
+    assert times == pytest.approx([step_s * n for n in range(10)], abs=1e-6)
+    assert note in "".join(notes)
 
 
 def test_row_without_a_frame_is_ignored(tmp_path: Path) -> None:
@@ -155,12 +152,6 @@ def test_row_without_a_frame_is_ignored(tmp_path: Path) -> None:
     times, notes = read(clip)
     assert times == pytest.approx([0.02, 0.04, 0.08])
     assert any("3 rows without a frame, ignored" in note for note in notes)
-
-
-def test_missing_row_between_others_is_interpolated(tmp_path: Path) -> None:
-    clip = recorded(tmp_path / "c", 6)
-    (clip / TIMES).write_text("".join(line for line in lines(clip) if "000003" not in line))
-    assert read(clip)[0] == pytest.approx([0.02 * n for n in range(6)])
 
 
 def test_last_row_without_an_end_counts_in_a_table_of_a_person(tmp_path: Path) -> None:

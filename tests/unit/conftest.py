@@ -168,7 +168,9 @@ def _images(folder: Path, pose: int, press: Press) -> tuple[PoseImage, ...]:
         _png(file, press(25.0 * pose + number, seed=number, **SMALL))
         name = str(file.relative_to(folder.parents[1]))
         found.append(
-            PoseImage(name, grip_counts=number, serial=serial, time_s=float(number), contact_area_px=9000.0)
+            PoseImage(
+                file=name, grip_counts=number, serial=serial, time_s=float(number), contact_area_px=9000.0
+            )
         )
     return tuple(found)
 

@@ -50,7 +50,7 @@ if sys.argv[2] == "hangs":
     time.sleep(300)
 if sys.argv[2] == "busy":
     mine = open(f"/proc/self/task/{os.getpid()}/children").read().split()
-    commanding = next(pid for pid in mine if "control_process" in open(f"/proc/{pid}/cmdline").read())
+    commanding = next(pid for pid in mine if "ur5e.processes\\0control" in open(f"/proc/{pid}/cmdline").read())
     busy(slowness * 0.1, commanding)
 try:
     motion.wait(10.0)
@@ -75,9 +75,9 @@ def height_m(controller: URController) -> float:
     return controller.snapshot()["tcp_m"][2]
 
 
-def process_of(controller: URController, module: str) -> int:
-    """Return the process of a module of the driver that is connected to a controller."""
-    names = f"drivers.ur5e.{module}\0{controller.host}\0".encode()
+def process_of(controller: URController, kind: str) -> int:
+    """Return a process of the driver that is connected to a controller: `state` or `control`."""
+    names = f"drivers.ur5e.processes\0{kind}\0{controller.host}\0".encode()
     return next(int(of.parent.name) for of in Path("/proc").glob("[0-9]*/cmdline") if names in _read(of))
 
 
@@ -98,7 +98,7 @@ def test_crash_of_the_commanding_process_ends_the_motion_and_recovers(
     controller: URController, arm: UR5e, crash: signal.Signals
 ) -> None:
     motion = arm.move_linear(HOME.translated(z_m=-0.25), 0.05, 1.0)
-    os.kill(process_of(controller, "control_process"), crash)
+    os.kill(process_of(controller, "control"), crash)
     error = first_error(motion.done)
     assert crash.name in str(error) or "control program" in str(error)
     arm.stop()
@@ -110,7 +110,7 @@ def test_crash_of_the_commanding_process_ends_the_motion_and_recovers(
 def test_crash_of_the_listening_process_is_an_error_until_reconnected(
     controller: URController, arm: UR5e
 ) -> None:
-    listening = process_of(controller, "state_process")
+    listening = process_of(controller, "state")
     os.kill(listening, signal.SIGSEGV)
     until(lambda: not exists(listening))
     assert "SIGSEGV" in str(first_error(arm.state))
@@ -121,7 +121,7 @@ def test_crash_of_the_listening_process_is_an_error_until_reconnected(
 def test_killed_program_leaves_no_process_and_stops_the_arm(controller: URController) -> None:
     with moving(controller, "hangs") as program:
         until(lambda: height_m(controller) < HOME.position_m[2] - 0.001)
-        children = [process_of(controller, name) for name in ("state_process", "control_process")]
+        children = [process_of(controller, name) for name in ("state", "control")]
         program.kill()
     until(lambda: not any(map(exists, children)))
     until(lambda: not controller.snapshot()["program_running"])
@@ -162,7 +162,7 @@ def test_controller_stops_the_arm_if_it_gets_no_commands(controller: URControlle
     motion = arm.move_linear(HOME.translated(z_m=-0.20), 0.25, 1.0)
     until(lambda: motion.done() or motion.progress() > 0.25)
     there = height_m(controller)
-    os.kill(process_of(controller, "control_process"), signal.SIGKILL)
+    os.kill(process_of(controller, "control"), signal.SIGKILL)
     pause(0.5)
     assert there - height_m(controller) <= 0.030
     assert stands(controller)
@@ -172,7 +172,7 @@ def test_controller_stops_the_arm_if_it_gets_no_commands(controller: URControlle
 def test_computer_that_stands_still_does_not_end_the_program_of_a_simulated_controller(
     controller: URController, arm: UR5e, all_of_it: bool
 ) -> None:
-    commanding = process_of(controller, "control_process")
+    commanding = process_of(controller, "control")
     before_s = sys.getswitchinterval()
     end_s = time.monotonic() + SLOWNESS * 0.2
     if all_of_it:

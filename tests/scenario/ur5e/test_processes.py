@@ -50,7 +50,8 @@ if sys.argv[2] == "hangs":
     time.sleep(300)
 if sys.argv[2] == "busy":
     mine = open(f"/proc/self/task/{os.getpid()}/children").read().split()
-    commanding = next(pid for pid in mine if "ur5e.processes\\0control" in open(f"/proc/{pid}/cmdline").read())
+    named = "ur5e.processes\\0control"
+    commanding = next(pid for pid in mine if named in open(f"/proc/{pid}/cmdline").read())
     busy(slowness * 0.1, commanding)
 try:
     motion.wait(10.0)

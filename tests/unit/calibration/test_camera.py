@@ -14,6 +14,7 @@ from calibration.camera.intrinsics import (
     predict,
     projection_sigma_px,
 )
+from calibration.camera.model import CameraUncertainty
 from calibration.targets.boards import Chessboard, Marker, Target, View, outside, parse_target, usable_views
 from calibration.targets.sheets import sheet_svg
 from calibration.verdict import Verdict
@@ -169,3 +170,14 @@ def test_points_refined_at_the_border_are_inside() -> None:
         seen = view.image_px.copy()
         seen[0, 0] = point
         assert (outside(replace(view, image_px=seen)) is None) is inside
+
+
+def test_cameras_that_are_off_by_one_sigma_differ_in_the_uncertain_terms_only() -> None:
+    """The terms are fx, fy, cx, cy and the distortion."""
+    for term, place in enumerate(((0, 0), (1, 1), (0, 2), (1, 2))):
+        known = replace(CAMERA, uncertainty=CameraUncertainty((term,), np.array([[4.0]])))
+        (other,) = known.off_by_one_sigma()
+        away = np.zeros((3, 3))
+        away[place] = 2.0
+        assert np.abs(other.matrix - CAMERA.matrix) == pytest.approx(away)
+        assert other.distortion[:5] == pytest.approx(CAMERA.distortion[:5])

@@ -7,7 +7,9 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from calibration.camera.model import CameraModel
-from calibration.markers.angle import fit_plane, in_plane_angle
+from calibration.markers.angle import MarkerAngle, fit_plane, in_plane_angle
+from calibration.markers.tracker import MarkerTracker
+from calibration.targets.aruco import Refusal
 from drivers.errors import CalibrationError
 from support.marks import long
 
@@ -52,6 +54,13 @@ def test_exact_corners_give_the_exact_angle(turn, tilt, shift, known):
     assert answer.in_plane
     assert answer.scale == pytest.approx(1.0, abs=1e-4)
     assert answer.residual_px < 1e-3
+
+
+def test_rotation_out_of_the_plane_is_refused():
+    angle = MarkerAngle(MarkerTracker((0, 1), "DICT_4X4_50"), KNOWN)
+    angle.set_reference(list(still()))
+    assert angle.turn(corners(5.0)).angle_deg == pytest.approx(5.0, abs=1e-3)
+    assert angle.turn(corners(5.0, out_of_plane_deg=35.0)) is Refusal.OUT_OF_PLANE
 
 
 @pytest.mark.slow

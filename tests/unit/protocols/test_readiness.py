@@ -50,6 +50,15 @@ def test_free_hand_is_asked_about_after_a_fault_only(lift_of: LiftOf) -> None:
     assert len(agreeing.asked) == 1
 
 
+@pytest.mark.parametrize(("closed_m", "holding"), [(0.001, Holding.FREE), (0.002, Holding.UNKNOWN)])
+def test_free_fingers_that_closed_since_may_hold_something(
+    lift_of: LiftOf, closed_m: float, holding: Holding
+) -> None:
+    bench = lift_of().bench
+    known = HandState(Holding.FREE, finger_opening_m=bench.gripper.state().opening_m + closed_m)
+    assert check_hand(replace(bench, hand=Hand(known, lambda _: None))).holding is holding
+
+
 @pytest.mark.parametrize("after_fault", [False, True])
 def test_object_held_by_the_last_program_is_set_down_at_its_place(lift_of: LiftOf, after_fault: bool) -> None:
     lift, person = left_in_the_air(lift_of), Person()

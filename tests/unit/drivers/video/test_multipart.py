@@ -162,6 +162,13 @@ def test_truncated_image_is_detected_as_damaged() -> None:
             whole_jpeg(IMAGES[0][:end])
 
 
+def test_image_with_a_corrupted_byte_pair_in_its_coded_data_is_damaged() -> None:
+    scan = IMAGES[0].index(b"\xff\xda") + 20
+    for code in (0x01, 0xC0, 0xD8):
+        with pytest.raises(DamagedFrameError, match="corrupted inside"):
+            whole_jpeg(IMAGES[0][:scan] + bytes((0xFF, code)) + IMAGES[0][scan + 2 :])
+
+
 def test_padding_after_an_image_is_cut_off() -> None:
     assert whole_jpeg(IMAGES[0] + b"\x00" * 100) == (IMAGES[0], (32, 24))
 

@@ -98,3 +98,15 @@ def test_drifting_fingers_open_once_without_a_command() -> None:
     run(model, "09 00 00 80 FF 00", now, 2.0)
     assert model.image[7] == 0x80 - DRIFT_COUNTS
     assert model.image[4] == 0x80, "the third finger stays"
+
+
+@pytest.mark.parametrize(("code", "stops"), [(0x0B, False), (0x0D, True)])
+def test_major_fault_stops_the_fingers(code: int, stops: bool) -> None:
+    """Manual, FAULT STATUS: from 0x0D on the gripper needs a reset; minor faults need none."""
+    model, now = ready_model(empty_world())
+    now = run(model, "09 00 00 FF 40 00", now, 0.5)
+    model.fail(code, now)
+    at = model.image[4]
+    assert 0 < at < 0xA0
+    now = run(model, "09 00 00 FF 40 00", now, 2.0)
+    assert (model.image[4] <= at + 2) == stops

@@ -69,6 +69,8 @@ def test_arm_wrench_gripper_and_markers_are_arrays(session: rig.Session) -> None
     assert arm.base_T_tcp.shape == (states, 4, 4)
     assert arm.joints_rad.shape == (states, 6)
     assert wrench.force_n.shape == wrench.torque_nm.shape == (states, 3)
+    weight_n, twist_nm = (np.abs(of).max() for of in (wrench.force_n, wrench.torque_nm))
+    assert weight_n > 1.0 > twist_nm > 0.0
     assert (np.diff(arm.time_s) >= 0).all()
     rise = arm.base_T_tcp[arm.time_s > 0, 2, 3].max() - arm.base_T_tcp[0, 2, 3]
     assert rise > 0.01

@@ -63,6 +63,12 @@ def interval(values: Floats) -> tuple[float, float]:
     return low, high
 
 
+def test_interval_reaches_further_towards_the_long_tail() -> None:
+    low, high = interval(np.array([1.0, 1.1, 0.9, 1.0, 6.0]))
+    assert high - 2.0 > 1.5 * (2.0 - low)
+    assert interval(-np.array([1.0, 1.1, 0.9, 1.0, 6.0])) == pytest.approx((-high, -low))
+
+
 @pytest.mark.long
 @pytest.mark.parametrize("lifts", [5, 10, 20])
 @pytest.mark.parametrize(

@@ -27,8 +27,6 @@ MOST_COUNTS = 255
 """Largest position that the gripper reports (one byte)."""
 FEWEST_COUNTS = 3
 """Fewest different positions that are needed for a table."""
-
-
 STEP_M = 0.155 / 249
 """Change of the opening per count: the stroke of a Robotiq 3-Finger, from 6 to 255 counts."""
 _OFF = 3.0

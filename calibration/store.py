@@ -19,16 +19,16 @@ from drivers.errors import CalibrationError, FormatError, RecordingError, counte
 from drivers.formats import write_whole
 
 SCHEMA = 1
-KINDS = ("camera", "hand-eye", "markers", "tactile", "gripper", "tcp", "sync")
 
 
 @dataclass(frozen=True, slots=True)
 class CalibrationFile:
     """One calibration.
 
-    kind: one of `KINDS`. serials: of the devices it belongs to, by role ("camera", "tactile"). value: the
-    calibrated value. quality: covariance, held-out error, observability, by name. created: ISO 8601 with time
-    zone. inputs: hash and path of the samples, and how many were used.
+    kind: camera, hand-eye, markers, tactile, gripper, tcp or sync. serials: of the devices it belongs to, by
+    role ("camera", "tactile"). value: the calibrated value. quality: covariance, held-out error,
+    observability, by name. created: ISO 8601 with time zone. inputs: hash and path of the samples, and how
+    many were used.
     """
 
     kind: str

@@ -1,4 +1,7 @@
-"""Deliver the frames of all sensors to the observer, those of the fingertips in order of capture."""
+"""Deliver the frames of all sensors to the observer, those of the fingertips in order of capture.
+
+Also verify that the contacts disappear when the fingers open (`Contact`).
+"""
 
 from collections import deque
 from collections.abc import Callable, Sequence
@@ -28,7 +31,7 @@ Imprint = NDArray[np.float32]
 """(H, 40, 3) fine structure of a tactile image: its logarithm, high-pass filtered with SMOOTH_PX."""
 
 WIDTH_PX = 40
-"""Width to which images are reduced before the comparison."""
+"""Width to which images are reduced before imprints are compared."""
 SMOOTH_PX = 5.0
 """Sigma of the Gaussian whose output is subtracted, px of the reduced image."""
 DARK = 10.0
@@ -198,7 +201,7 @@ class Pump:
                     or not 0 <= now_ns - camera.waiting.time_ns < to_ns(PATIENCE_S)
                 ):
                     return camera.source, camera.take()
-                camera.check_alive(self._bench.clock.now_ns())
+                camera.check_alive(now_ns)
             first.fetch()
 
     def _deliver(self, source: FrameSource, frame: Frame) -> None:

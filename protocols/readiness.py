@@ -96,15 +96,15 @@ def _free(bench: Bench, operator: Operator, hand: HandState, why: str) -> None:
     The second question covers what no device can verify: a gripper may report open fingers that are closed.
     Raises `OperatorStopError`, and `FingerMotionError` if the fingers do not open, before the arm rises.
     """
-    place = hand.base_T_grasp
-    held = hand.holding is Holding.HELD
-    lowers = held and place is not None and is_above(bench.arm.state().base_T_tcp, place)
+    place = hand.base_T_grasp if hand.holding is Holding.HELD else None
+    if place is not None and not is_above(bench.arm.state().base_T_tcp, place):
+        place = None
     question = "Hold any object between the fingers: shall they open now, and the arm rise?"
-    if lowers:
+    if place is not None:
         question = "Shall it be set down where it was taken, the fingers open and the arm rise?"
     operator.look(f"{why}{_seen(hand)} {question}")
     bench.hand.note(hand)
-    if lowers and place is not None:
+    if place is not None:
         move(bench, place, LOWER_SPEED_M_S).wait(MOTION_TIMEOUT_S)
     _activate(bench, operator)
     opening_mm = 1e3 * move_fingers(bench, bench.gripper.spec.open_m).opening_m

@@ -4,10 +4,11 @@ For programs, `import rig` offers the names of `__all__`: sessions as arrays, es
 live streams, scores, calibrations solved from arrays, and the errors that they raise. Each is imported when
 it is first used, so that `import rig` costs nothing.
 
-From the top: commands (`cli`), measured figures (`benchmark`), what programs use (`python`), pages and tools
-that look at sessions (`report`, `export`, `training`, `doctor`, `calibrate`, `contract_checks`), experiments,
-what is measured in a lift, results, the bench, sessions, configuration, perception. Imports point down only;
-`pyproject.toml` holds it.
+From the top: commands (`cli`), benchmarks (`benchmark`), the Python interface (`python`), tools (`training`,
+`export`, `doctor`, `calibrate`, `contract_checks`), reports, experiments, the live view and labels, estimates
+over frames, measurement of a lift, results and the bench, sessions, configuration, and at the bottom
+perception (`tactile`), pages and the terminal. A package imports only packages below it, as the contracts in
+`pyproject.toml` require.
 """
 
 import importlib

@@ -27,7 +27,7 @@ from support.benches import lighter
 from support.fuzz import PROFILE
 from support.shared import made_once
 
-sys.dont_write_bytecode = False  # of the tests
+sys.dont_write_bytecode = False  # this process has read the variable at its start
 
 # Background jobs and nohup ignore these signals, and programs that tests start would ignore them too.
 signal.signal(signal.SIGHUP, signal.SIG_DFL)

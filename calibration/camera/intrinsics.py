@@ -350,15 +350,15 @@ def most_telling(
     """
     known_views = {i: _information(camera, points_m, pose) for i, pose in enumerate(camera_T_board)}
     left = {i: known for i, known in known_views.items() if known is not None}
-    whole, covered, chosen = 1e-6 * np.eye(_INTRINSIC), Cells(), []
+    whole, seen, chosen = 1e-6 * np.eye(_INTRINSIC), Cells(), []
     while left and len(chosen) < count:
         worth = {
-            i: np.linalg.slogdet(whole + information)[1] + _NEW_CELL * len(cells - covered)
+            i: np.linalg.slogdet(whole + information)[1] + _NEW_CELL * len(cells - seen)
             for i, (information, cells) in left.items()
         }
         best = max(worth, key=lambda i: worth[i])
         information, cells = left.pop(best)
-        whole, covered = whole + information, covered | cells
+        whole, seen = whole + information, seen | cells
         chosen.append(best)
     return chosen
 

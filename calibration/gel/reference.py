@@ -14,7 +14,8 @@ from drivers.types import Image
 Array = NDArray[np.floating]
 
 FEWEST_FRAMES = 5
-_SATURATED = 250
+SATURATED = 250
+"""Grey level from which a value counts as saturated."""
 _CONTACT_SIGMAS = 8.0
 _LEAST_CHANGE_GREY = 6.0
 _HOT_GREY = 40.0
@@ -72,7 +73,7 @@ def make_reference(frames: Sequence[Image]) -> Reference:
         )
     grey = image.max(axis=2)
     hot_pixels = int((np.abs(grey - cv2.medianBlur(grey, 3)) > _HOT_GREY).sum())
-    return Reference(image, noise, float((image >= _SATURATED).mean()), hot_pixels)
+    return Reference(image, noise, float((image >= SATURATED).mean()), hot_pixels)
 
 
 def check_light(frame: Image, name: str) -> None:

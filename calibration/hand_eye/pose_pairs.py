@@ -72,7 +72,7 @@ class PoseSample:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PosePairs:
-    """The samples as arrays. Both setups satisfy A_i Z = X B_i, as in `samples.Problem`.
+    """The samples as arrays. Both setups satisfy A_i Z = X B_i, as in `refine.Problem`.
 
     a_R, b_R: (N, 3, 3); a_t, b_t: (N, 3) m. B is camera_T_target.
     """

@@ -14,7 +14,7 @@ import tempfile
 import threading
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, Concatenate, ParamSpec, TypeVar
+from typing import Any, TypeVar, TypeVarTuple
 
 from drivers.children import python_command
 from drivers.clock import NS_PER_S, Clock, SystemClock, host_s, to_ns, wait_until
@@ -33,7 +33,7 @@ _SEND_S = 1.0
 """Time limit for sending a call."""
 _CHECK_S = 0.1
 """Interval at which a waiting call checks whether the process still runs."""
-Arguments = ParamSpec("Arguments")
+Arguments = TypeVarTuple("Arguments")
 Answer = TypeVar("Answer")
 Check = Callable[[], object]
 
@@ -123,25 +123,21 @@ class ControlClient:
 
     def ask(
         self,
-        command: Callable[Concatenate[ControlCommands, Arguments], Answer],
-        /,
-        *arguments: Arguments.args,
-        **named: Arguments.kwargs,
+        command: Callable[[ControlCommands, *Arguments], Answer],
+        *arguments: *Arguments,
     ) -> Answer:
         """Call a method of `ControlCommands` in the process; return its answer as JSON decodes it.
 
         Raises `DeviceError` if the process has ended or answers with an error. If it does not answer, raises
         `DeviceTimeoutError` and ends the process, so that it cannot execute the call later.
         """
-        return self.ask_if(no_check, command, *arguments, **named)
+        return self.ask_if(no_check, command, *arguments)
 
     def ask_if(
         self,
         check: Check,
-        command: Callable[Concatenate[ControlCommands, Arguments], Answer],
-        /,
-        *arguments: Arguments.args,
-        **named: Arguments.kwargs,
+        command: Callable[[ControlCommands, *Arguments], Answer],
+        *arguments: *Arguments,
     ) -> Answer:
         """Call a method as `ask` does. check: called just before sending; may raise."""
         name, timeout_s = command.__name__, STOP_CALL_S if command in STOPS else CALL_S

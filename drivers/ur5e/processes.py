@@ -12,9 +12,9 @@ Control: when ur-rtde's control interface loses its connection it reconnects, an
 fault (ur-rtde 1.6.5). The process therefore exits as soon as the arm's state is too old, before the interface
 notices the loss. Each line on the socket is {"number": n, "call": name, "arguments": [...]}; each answer is
 {"number": n, "value": ...} or {"number": n, "error": text}. Answer 0 reports that the process is ready.
-Between calls the process kicks the controller's watchdog: if this process ends, the program on the
+Between calls the process kicks the controller's watchdog: if the process ends, the program on the
 controller stops the arm within one period of `WATCHDOG_HZ`. If its parent ends, or does not poll the arm
-during a motion (`drivers.ur5e.heartbeat`), this process stops the arm itself.
+during a motion (`drivers.ur5e.heartbeat`), the process stops the arm itself.
 """
 
 import faulthandler
@@ -153,13 +153,13 @@ class ControlCommands:
 
 
 STATE_LIMIT_S = 0.6
-"""Age of the arm's state at which this process exits; ur-rtde reconnects after 2.5 s."""
+"""Age of the arm's state at which the command process exits; ur-rtde reconnects after 2.5 s."""
 WATCH_S = 0.05
 """Interval between checks of the state's age and of the parent process."""
 TICK_S = 0.005
 """Longest wait for a call between two checks of the heartbeat."""
 STOP_S = 1.0
-"""Time for the arm to stop before the process exits because its parent ended."""
+"""Time for the arm to stop before the command process exits because its parent ended."""
 STOP_DECELERATION_M_S2 = 10.0
 """Deceleration of the stop after the client has closed the connection."""
 STATE_LOST, PARENT_LOST, CONNECTION_LOST = 3, 4, 3

@@ -10,6 +10,7 @@ import mmap
 import os
 import struct
 from dataclasses import dataclass, fields
+from operator import attrgetter
 from typing import Any
 
 from drivers.values import Vector3, Vector6
@@ -53,6 +54,9 @@ class StateSample:
     gaps: int
 
 
+_values = attrgetter(*(field.name for field in fields(StateSample)))
+
+
 class SharedState:
     """The shared memory. `fd` is its file descriptor, to pass to the processes that share it."""
 
@@ -74,8 +78,7 @@ class SharedState:
     def write(self, sample: StateSample) -> None:
         """Publish a sample. Only one process may write."""
         count = self._words[_COUNT]
-        values = (getattr(sample, field.name) for field in fields(sample))
-        flat = [v for value in values for v in (value if isinstance(value, tuple) else (value,))]
+        flat = [v for value in _values(sample) for v in (value if isinstance(value, tuple) else (value,))]
         _SAMPLE.pack_into(self._memory, _place(count + 1), *flat)
         self._words[_COUNT] = count + 1
 

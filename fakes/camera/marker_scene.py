@@ -1,9 +1,9 @@
-"""Render the simulated external camera's image: a bench, and a bar-shaped object with two printed markers.
+"""Render the simulated external camera's image: a bar-shaped object with two printed markers, or a sheet.
 
 The markers and the bar are in the object's x-z plane and face the camera. They are one texture, with edges
 accurate to a fraction of a texel, which is blurred as by the lens before it is sampled once per pixel.
 Because a homography is nearly affine over the width of the blur, the result is the blurred image, ten times
-faster than with supersampling.
+faster than with supersampling. A printed calibration target, a flat sheet on a grey bench, is supersampled.
 """
 
 import math
@@ -278,7 +278,7 @@ def _noise_fields(size: tuple[int, int], sigma_grey: float, rng: np.random.Gener
 
 
 _FINE = 2
-"""Samples per pixel along each axis."""
+"""Samples of a sheet per pixel along each axis."""
 _BENCH_GREY = 120
 _BLUR_PX = 0.8
 _NOISE_GREY = 1.5

@@ -253,7 +253,7 @@ def build_surface(site: GraspSite | ContactShape, side: int, seed: int) -> Surfa
 def soft_surface(kind: str, side: int, seed: int) -> Surface:
     """Make the relief of a soft face under one finger; the two fingers touch different reliefs.
 
-    kind: one of `relief.KINDS`. side: +1 or -1.
+    kind: one of `KINDS`. side: +1 or -1.
     """
     return _surface(soft_relief(kind, *_grid(), np.random.default_rng((seed, 71, side + 1))))
 

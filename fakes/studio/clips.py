@@ -79,13 +79,13 @@ def render_clip(scene: Scene) -> Clip:
     background = sensor.render(None, 0.0, rng)
     lasting_s = REST_S + abs(scene.angle_deg) / scene.rate_deg_s + AFTER_S
     times_s = np.arange(0.0, lasting_s, 1.0 / scene.rate_hz)
-    turned = np.clip((times_s - REST_S) * scene.rate_deg_s / max(abs(scene.angle_deg), 1e-9), 0.0, 1.0)
+    shares = np.clip((times_s - REST_S) * scene.rate_deg_s / max(abs(scene.angle_deg), 1e-9), 0.0, 1.0)
     frames = tuple(
         sensor.render(_imprint(scene, surface, float(share)), float(t), rng)
-        for t, share in zip(times_s, turned, strict=True)
+        for t, share in zip(times_s, shares, strict=True)
     )
     times_ns = tuple(map(to_ns, times_s))
-    return Clip(background, frames, times_ns, turned * scene.angle_deg, to_ns(REST_S), across / down)
+    return Clip(background, frames, times_ns, shares * scene.angle_deg, to_ns(REST_S), across / down)
 
 
 def opposite(scene: Scene) -> Scene:

@@ -58,7 +58,7 @@ class FlangeSensor:
     """Measures force (N) and torque (N m) at the TCP in base axes, compensated for the payload.
 
     It adds bias, drift and noise, all drawn from the world's seed, and rounds to the resolution; a new
-    reading every 2 ms. every: number of readings for which the slowly changing load is computed once.
+    reading every 2 ms. every: the load changes slowly; it is computed at every Nth reading.
     """
 
     def __init__(self, world: World, every: int = 1) -> None:

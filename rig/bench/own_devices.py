@@ -257,11 +257,11 @@ def own_gripper(config: BenchConfig, clock: Clock) -> Gripper:
 
     Its constructor must accept spec. It may accept host, port, device, transport, preset, fingers and clock.
     """
-    own, spec, needed = config.gripper, config.gripper_spec(), {"spec": config.gripper_spec()}
+    own, spec = config.gripper, config.gripper_spec()
     keys = ("host", "port", "device", "transport", "preset", "fingers")
     known = {key: getattr(own, key) for key in keys} | {"clock": clock}
-    methods, written = GRIPPER_METHODS, own.model_fields_set
-    driver = _made("gripper", own.driver, Gripper, methods, needed, known, written, own.options)
+    needed, written = {"spec": spec}, own.model_fields_set
+    driver = _made("gripper", own.driver, Gripper, GRIPPER_METHODS, needed, known, written, own.options)
     return cast(Gripper, CheckedGripper(driver, own.driver, spec, clock))
 
 

@@ -63,8 +63,8 @@ FIRST_SEED, FIRST_LIFT = 900, 900
 """Seed of the lifts on the benches, and first lift of the second renderer. Benchmarks use lower numbers."""
 
 Arrays = Mapping[str, Any]
-"""The truth of a case: zero_ns, the begin of the lift or the reference, end_ns, times_ns, angles_deg,
-sigmas_deg (M,)."""
+"""The truth of a case: zero_ns (start of the lift, or time of the reference), end_ns, and the arrays
+times_ns, angles_deg and sigmas_deg, (M,)."""
 Known = tuple[float | None, float | None, float, float]  # angle and sigma, true angle and its sigma, degrees
 
 
@@ -213,12 +213,15 @@ def _stored_cases(options: FitOptions, run: Run, folder: Path) -> list[Case]:
 
 def clip_lift(clip: LabelledClip) -> KnownLift:
     """Return a clip as a lift: its true angles are the labels, and its lift begins at the reference."""
-    times_ns = np.array([frame.time.time_ns for frame in clip.series.read()], np.int64)
+    frames = list(clip.series.read())
+    times_ns = np.array([frame.time.time_ns for frame in frames], np.int64)
     labels = np.array([(label.frame, label.angle_deg, label.sigma_deg) for label in clip.labels])
     start_ns, end_ns = int(times_ns[clip.reference_frame]), int(times_ns[-1])
     since_s = (times_ns[labels[:, 0].astype(int)] - start_ns) / NS_PER_S
     truth = Angles(since_s, labels[:, 1], labels[:, 2], zero_ns=start_ns)
-    tip = SessionSeries(clip.name, "", 1, None, clip.background, clip.series)
+    tip = SessionSeries(
+        clip.name, "", 1, None, clip.background, replace(clip.series, read=lambda: iter(frames))
+    )
     return KnownLift(clip.name, {"": tip}, truth, start_ns, end_ns, end_ns)
 
 

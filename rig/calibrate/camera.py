@@ -130,6 +130,7 @@ def _pictures(result: CameraFit, projected_px: figures.Array, folder: Path) -> l
     for view, turn, move in zip(fit.views, fit.rotations, fit.translations, strict=True):
         fitted.append(fit.camera.project_from(view.board_m, turn, move)[0])
         boards.append(Pose.from_rotation(move, Rotation.from_rotvec(turn)))
+    projected = np.vstack(fitted)
     limit = 3.0 * float(np.median(fit.view_rms_px))
     by_lens = {k: v for k, v in result.held_out_px.items() if v < 5 * result.held_out_rms_px}
     worst = int(np.argmax(fit.view_rms_px))
@@ -151,8 +152,8 @@ def _pictures(result: CameraFit, projected_px: figures.Array, folder: Path) -> l
         figures.residuals(
             "Residuals of all views",
             "Noise points anywhere; arrows that agree show a lens that the model does not follow.",
-            np.vstack(fitted),
-            points - np.vstack(fitted),
+            projected,
+            points - projected,
             size,
         ),
         figures.field(
@@ -186,7 +187,7 @@ def _pictures(result: CameraFit, projected_px: figures.Array, folder: Path) -> l
 def markers_from_folder(
     folder: Path, pattern: str, ids: tuple[int, int], dictionary: str, camera: CameraModel | None, serial: str
 ) -> CalibrationResult:
-    """Assess the angle from twenty pictures of the markers at rest. Raises `CalibrationError`."""
+    """Assess the angle from at least twenty pictures of the markers at rest. Raises `CalibrationError`."""
     files = picture_files(folder, pattern)
     pictures = [read_image(path, grey=True) for path in files]
     report = assess_markers(pictures, MarkerAngle(MarkerTracker(ids, dictionary), camera))

@@ -43,9 +43,10 @@ _MOST_NAMES = 14
 
 @dataclass(frozen=True, slots=True)
 class Picture:
-    """A figure of the page with what it shows, as the page's `chart` draws it.
+    """A figure of the page, drawn by the macro `chart` of `rig/pages/parts.html`.
 
-    svg: the figure, or an element with PNG bytes. spots: without values the figure is static.
+    svg: the SVG element, or another element of the page. spots: values shown under the pointer; these figures
+    have none.
     """
 
     title: str

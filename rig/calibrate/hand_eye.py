@@ -104,9 +104,10 @@ def _solved(
     """Solve, and make the figures of the page. folder: of the pictures and poses.csv."""
     found = calibrate_hand_eye(samples, camera, setup)
     robot = {sample.id: sample.base_T_tcp for sample in samples}
-    pictures = {path.stem: path for path in picture_files(folder)}
-    shown = _pictures(found, [sample.view for sample in samples], camera, pictures)
-    files = [*picture_files(folder), folder / "poses.csv"]
+    pictures = picture_files(folder)
+    by_id = {path.stem: path for path in pictures}
+    shown = _pictures(found, [sample.view for sample in samples], camera, by_id)
+    files = [*pictures, folder / "poses.csv"]
     return _filed(
         found, serial, folder, rejected, robot, _quality(found, target), _numbers(found), files, shown
     )

@@ -48,7 +48,7 @@ def compare_files(one: Path, other: Path) -> dict[str, float | str | None]:
         raise CalibrationError(
             f"{one} is a calibration of {kinds[0]}, {other} of {kinds[1]}: nothing to compare"
         )
-    if kinds[0] == "camera":  # with their uncertainty, and from files of other programs
+    if kinds[0] == "camera":  # also files of other programs; refused calibrations are rejected
         return {"kind": "camera", **_cameras(one, other)}
     kind = KINDS.get(kinds[0])
     if kind is None or kind.compare is None:

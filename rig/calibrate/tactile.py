@@ -13,7 +13,7 @@ import numpy as np
 from calibration.gel.balls import NULL_REFUSED, BallFit, GelScale, calibrate_gel, fit_scale, rim_centre
 from calibration.gel.look import visibility
 from calibration.gel.look_fit import LookFit, fit_look
-from calibration.gel.reference import Reference, assess_reference, drift_since, make_reference
+from calibration.gel.reference import SATURATED, Reference, assess_reference, drift_since, make_reference
 from calibration.verdict import Assessment, length_guess, limit
 from drivers.errors import CalibrationError, InputError
 from drivers.images import load_image
@@ -91,7 +91,7 @@ def tactile_from_folder(
     assessment += _assess_look(look) + _dark_or_saturated(fit, presses.background)
     # a contact in the background shows in a comparison with the untouched parts of all presses
     picture = presses.background
-    still = Reference(picture.astype(np.float32), 0.0, float((picture >= 250).mean()), 0)
+    still = Reference(picture.astype(np.float32), 0.0, float((picture >= SATURATED).mean()), 0)
     touched = assess_reference(still, drift_since(still, look.look.background))
     if touched.reasons:
         cure = "background: take it again if anything touched the gel; give 30 frames without contact"
@@ -176,7 +176,7 @@ def unpressed_fields(
 def _dark_or_saturated(fit: BallFit, background: Image) -> Assessment:
     """Return dark or saturated colours as the reason for a failed or doubtful map."""
     dark = float((background.min(axis=2) < _DARK_GREY).mean())
-    bright = float((background.max(axis=2) >= 250).mean())
+    bright = float((background.max(axis=2) >= SATURATED).mean())
     text = (
         f"in {dark:.0%} of the picture a colour has less than {_DARK_GREY:.0f} grey levels, and in "
         f"{bright:.0%} one is saturated: there slopes hardly change it; change the exposure or the LEDs' "
@@ -282,7 +282,10 @@ def _pictures(fit: BallFit, presses: PressFolder, scale: GelScale | None) -> lis
 
 
 def collect_tactile(station: Station, balls_mm: Sequence[float], count: int) -> list[CalibrationResult]:
-    """Press balls, each `count` times; without balls take frames at rest. Raises as these two do."""
+    """Press balls, each `count` times; without balls take frames at rest.
+
+    Raises as `collect_presses` and `collect_references` do.
+    """
     return collect_presses(station, balls_mm, count) if balls_mm else collect_references(station)
 
 

@@ -44,8 +44,6 @@ PicturesOption = Annotated[
     str, typer.Option("--pictures", help="With --from: pattern of the picture files, as 'left*.jpg'.")
 ]
 PosesOption = Annotated[int, typer.Option("--poses", min=5, max=60, help="On a bench: number of poses.")]
-
-
 _BLOCKS_MM = [8.0, 15.0, 25.0, 35.0, 50.0, 65.0, 80.0, 95.0]
 """Default widths of the blocks on a bench."""
 

@@ -239,14 +239,14 @@ def _write(file: Path, text: str) -> None:
 
 
 def _report(what: str, done: "EstimatedSeries", run: "Estimation") -> dict[str, object]:
-    for warning in done.warnings:
+    warnings, faults = done.warnings, done.faults
+    for warning in warnings:
         say(f"warning: {warning}")
     say(done.background)
     say(f"{what}: {run.choice.name}, {done.text}")
     settings = {"estimator": run.choice.name, "window": run.choice.window, "background": done.background}
     about = {"frames_from": what, **settings, "angles_from": done.angles_from}
-    warnings = [*done.warnings, *([str(done.faults)] if done.faults else [])]
-    return {**about, **asdict(done.figures), "warnings": warnings}
+    return {**about, **asdict(done.figures), "warnings": [*warnings, *([str(faults)] if faults else [])]}
 
 
 @dataclass(frozen=True, slots=True)

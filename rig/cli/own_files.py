@@ -14,11 +14,6 @@ objects = Commands(help="List the objects that can be grasped; write an object f
 Kind = Literal["lab", "lerobot"]
 
 
-@bench.callback()
-def _bench() -> None:
-    """Write a bench file, which describes the devices of a bench."""
-
-
 @bench.command("new")
 def new_bench(file: Annotated[Path, typer.Argument(help="File to write, as my_bench.toml.")]) -> None:
     """Write a template of a bench file, in which comments explain every key.

@@ -1,4 +1,4 @@
-"""What trials and recordings share: resuming with the stored options, the watch page, and --dry-run."""
+"""Shared functions of trials and recordings: resuming with stored options, watch page, --dry-run."""
 
 import shlex
 import sys

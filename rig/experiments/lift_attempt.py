@@ -15,12 +15,7 @@ from protocols.readiness import make_ready
 from protocols.slip_trial import run_lift
 from rig.bench.source import BenchSource, FreshBenches
 from rig.experiments.attempts import Attempt, fault_text
-from rig.experiments.lift_plan import (
-    LiftTask,
-    TrialSettings,
-    new_measurement,
-    planned_lift,
-)
+from rig.experiments.lift_plan import LiftTask, TrialSettings, new_measurement, planned_lift
 from rig.lift.recording import FrameDelays, LiftObservers, OutlineObserver
 from rig.lift.result import lift_result, stage_times
 from rig.lift.slip_watch import SlipWatch

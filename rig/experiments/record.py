@@ -210,7 +210,8 @@ def _references(
         for serial, name in names.items():
             session.write(name, encode_png(mean_background(observer.frames[serial])))
     finders: dict[str, ContactFinder] = {}
-    for serial, path in ((serial, session.folder / name) for serial, name in names.items()):
+    for serial, name in names.items():
+        path = session.folder / name
         image = load_image(path)
         if image is None:
             raise SessionError(f"{path}: the reference image cannot be read; record into a new --out")
@@ -351,7 +352,6 @@ class PoseCapture(CaptureObserver, HandObserver):
     _serial: str | None = None
     _wanted: int = 0
     _touches: dict[str, TouchDebounce] = field(default_factory=dict)
-    _areas: dict[str, float] = field(default_factory=dict)
     _last: dict[str, int] = field(default_factory=dict)
 
     def want(self, images: int, grip_steps: int) -> None:

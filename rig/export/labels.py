@@ -13,7 +13,7 @@ from drivers.images import image_flaw, load_image
 from drivers.types import Image
 from protocols.observer import Phase
 from rig.export.result import Exported, ExportRequest, simulated_mark
-from rig.labels.label_files import LabelledImage, coco_document, labelme_document
+from rig.labels.label_files import LABEL, LabelledImage, coco_document, labelme_document
 from rig.labels.polygons import mask_polygons
 from rig.sessions.files import reference_file, true_mask_file
 from rig.sessions.reading import phase_times, recorded_frames
@@ -24,7 +24,6 @@ TRUE_NOTE = "mask: the simulator's true contact"
 FOUND_NOTE = (
     "mask: proposed by image processing (rig/tactile/contact/finder.py); check it before you train on it"
 )
-LABEL = "contact"
 
 
 @dataclass(frozen=True, slots=True, eq=False)

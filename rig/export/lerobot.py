@@ -132,6 +132,10 @@ class _Track:
         return [(self.time_ns[place], self.values[place]) for place in places]
 
 
+_IMAGES = "images/"
+"""Begins the names of tracks of images, because a serial may be the name of another track."""
+
+
 def read_episode(recording: Path, rate_hz: int, windows: Mapping[str, int]) -> Episode:
     """Read a recorded lift at `rate_hz` steps per second. Raises `SessionError` if it is damaged.
 
@@ -143,7 +147,8 @@ def read_episode(recording: Path, rate_hz: int, windows: Mapping[str, int]) -> E
             track = tracks.setdefault(name, _Track())
             track.time_ns.append(message.time_ns)
             track.values.append(value)
-            serials |= {name} if isinstance(value, bytes) else set()
+            if isinstance(value, bytes):
+                serials.add(message.source)
     if not serials or not {"pose", "joints", "gripper"} <= set(tracks):
         raise SessionError(f"{recording}: has no arm, gripper or image data; the session is damaged")
     estimate, truth = tracks.pop(FUSED, _Track()), tracks.pop(MARKERS, _Track())
@@ -152,7 +157,7 @@ def read_episode(recording: Path, rate_hz: int, windows: Mapping[str, int]) -> E
     if count < 1:
         raise SessionError(f"{recording}: has no data between grasp and end; the session is damaged")
     times = [start + step * NS_PER_S // rate_hz for step in range(count)]
-    frames = {s: [tracks[s].window(t, windows.get(s, 1)) for t in times] for s in sorted(serials)}
+    frames = {s: [tracks[_IMAGES + s].window(t, windows.get(s, 1)) for t in times] for s in sorted(serials)}
     wrench = tracks.get("wrench")
     state = [
         (*tracks["pose"].at(t), tracks["gripper"].at(t)[1], *(wrench.at(t) if wrench else ())) for t in times
@@ -172,7 +177,7 @@ def _values(message: LiftMessage, path: Path) -> Iterator[tuple[str, Any]]:
     """Yield the values of a message with the names of their tracks."""
     value = message.value
     if isinstance(value, bytes):
-        yield message.source, recorded_jpeg(value, path)
+        yield _IMAGES + message.source, recorded_jpeg(value, path)
     elif isinstance(value, Pose):
         yield "pose", (*value.position_m, *value.quaternion_xyzw)
     elif isinstance(value, RecordedJoints):

@@ -50,7 +50,7 @@ class LiftMessage:
 
 def lift_messages(path: Path, dated: bool = False) -> Iterator[LiftMessage]:
     """Yield the messages of a recording. dated: in UTC. Raises `SessionError` if it is damaged."""
-    poses, value = ContinuousPoses(), None
+    poses = ContinuousPoses()
     for topic, time_ns, sequence, data in recorded_messages(path, dated=dated):
         source, value = topic, None
         if topic.startswith(IMAGE_PREFIX):

@@ -309,7 +309,9 @@ def frame_doubts(series: FrameSeries) -> list[str]:
     light = float(np.median([image.mean() for image in after]))
     if first.mean() < DARK_SHARE * light:
         return [f"the first frame is dark (mean {first.mean():.0f}, the next ones {light:.0f}): leave it out"]
-    if _differs(after[0], first) and not any(_differs(after[0], image) for image in after[1:]):
+    second, *later = after
+    comparison = Comparison(second)
+    if comparison.region(first) is not None and all(comparison.region(image) is None for image in later):
         return [
             "the first frame differs from all frames after it: leave it out if it is an old frame from the "
             "camera's buffer"
@@ -328,10 +330,6 @@ def background_doubts(spec: str | None, background: Image, series: FrameSeries) 
             "during them, or one is an old frame; give fewer frames or an IMAGE"
         ]
     return []
-
-
-def _differs(background: Image, image: Image) -> bool:
-    return Comparison(background).region(image) is not None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

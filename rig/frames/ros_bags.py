@@ -26,13 +26,13 @@ from drivers.formats import MOST_PIXELS, check_pieces, in_number_order, reason, 
 from drivers.images import decode_image
 from drivers.types import Image
 from rig.config.extras import require_extra
-from rig.sessions.files import ROS_BEGINNINGS, first_bytes
+from rig.sessions.files import MAGIC, ROS_BEGINNINGS, first_bytes
 
 if TYPE_CHECKING:
     from rosbags.rosbag1 import Reader as Reader1
     from rosbags.rosbag2 import Reader as Reader2
 
-_MCAP, _ROS1, _ZSTD = b"\x89MCAP0\r\n", b"#ROSBAG V2.0\n", b"\x28\xb5\x2f\xfd"
+_ROS1, _ZSTD = b"#ROSBAG V2.0\n", b"\x28\xb5\x2f\xfd"
 _MCAP_RECORD, _MCAP_CHUNK = struct.Struct("<BQ"), struct.Struct("<QQQII")
 _CHUNK, _ROS1_CHUNK = 6, b"op=\x05"
 _LENGTH = struct.Struct("<I")
@@ -197,7 +197,7 @@ def _check_file(path: Path, size: int, changed_ns: int) -> None:
     """Check a file; an unchanged file that was accepted is not checked again."""
     with path.open("rb") as stream:
         begin = stream.read(len(_ROS1))
-        if begin.startswith(_MCAP):
+        if begin.startswith(MAGIC):
             check_pieces(str(path), size, _mcap_chunks(stream, size))
         elif begin == _ROS1:
             check_pieces(str(path), size, _ros1_chunks(stream, size))
@@ -207,7 +207,7 @@ def _check_file(path: Path, size: int, changed_ns: int) -> None:
 
 
 def _mcap_chunks(stream: IO[bytes], size: int) -> Iterator[tuple[str, bytes]]:
-    at = len(_MCAP)
+    at = len(MAGIC)
     while at + _MCAP_RECORD.size <= size:
         stream.seek(at)
         kind, length = _MCAP_RECORD.unpack(stream.read(_MCAP_RECORD.size))

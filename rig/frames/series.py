@@ -224,7 +224,7 @@ def _image_series(path: Path, timestamps: Path | None, fps: float | None) -> Fra
     if not any(load_image(file) is not None for file in files):
         why = image_flaw(files[0]) or "is damaged"
         raise InputError(f"{path}: not one complete image ({files[0].name} {why}): copy it again")
-    times, notes = _times([file.name for file in files], timestamps, FOLDER_FPS if fps is None else fps)
+    times, notes = _times([file.name for file in files], timestamps, fps)
     assumed = timestamps is None and fps is None and len(files) > 1
     notes = (RATE_ASSUMED,) if assumed else notes
     simulated = is_simulated_clip(path)
@@ -257,7 +257,7 @@ def _video_series(path: Path, timestamps: Path | None, fps: float | None) -> Fra
         if is_raw_video(path):
             notes = (f"times: {rate:g} frames per second assumed, as {NO_TIMES}",)
     else:
-        times, notes = _times([str(i) for i in range(count)], timestamps, FOLDER_FPS if fps is None else fps)
+        times, notes = _times([str(i) for i in range(count)], timestamps, fps)
     # OpenCV computes the announced number from duration and rate, so it is too high for a variable rate.
     longest_ns = int(np.diff(shown_ns, prepend=shown_ns[0]).max())
     missing = announced - 0.5 - rate * (shown_ns[-1] + longest_ns) / NS_PER_S
@@ -284,7 +284,7 @@ def _video_series(path: Path, timestamps: Path | None, fps: float | None) -> Fra
 def _array_series(path: Path, timestamps: Path | None, fps: float | None) -> FrameSeries:
     count, height, width = array_shape(path)
     names = [str(number) for number in range(count)]
-    times, notes = _times(names, timestamps, FOLDER_FPS if fps is None else fps)
+    times, notes = _times(names, timestamps, fps)
 
     def read() -> Iterator[TimedFrame]:
         return (TimedFrame(n, t, f) for n, t, f in zip(names, times, array_frames(path), strict=True))
@@ -323,8 +323,11 @@ def _in_order(images: Iterable[Image | None], order: NDArray[np.intp]) -> Iterat
             rank += 1
 
 
-def _times(names: list[str], table: Path | None, fps: float) -> tuple[list[FrameTime], tuple[str, ...]]:
+def _times(
+    names: list[str], table: Path | None, fps: float | None
+) -> tuple[list[FrameTime], tuple[str, ...]]:
     """Return the times of frames, and notes on those of a table; a clip's own table may be incomplete."""
+    fps = FOLDER_FPS if fps is None else fps
     if table is None:
         return times_at_rate(len(names), fps), ()
     if table.name == TIMES and (table.parent / FRAMES).is_dir():

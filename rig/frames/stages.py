@@ -14,7 +14,7 @@ from drivers.types import Image
 from rig.frames.estimates import EstimatedSeries, Estimation
 from rig.frames.gel_height import GelMap, GelShape, depth_picture, gel_shape, normals_picture
 from rig.frames.of_session import of_sensor, session_frames
-from rig.frames.series import make_background, read_frames
+from rig.frames.series import read_frames
 from rig.sessions.manifest import TrialManifest, read_manifest_of
 from rig.tactile.contact.gate import ContactGate
 from rig.tactile.contact.gel_marks import GelMarks, found_marks
@@ -57,9 +57,8 @@ def explained_frames(
 ) -> Turn:
     """Find the largest rotation in a clip. topic: see `read_frames`. Raises `InputError`."""
     series = read_frames(path, topic=topic)
-    empty, _ = make_background(background, series)
     found = Estimation(choose_estimator(None, None), background, aspect=aspect).of_series(series)
-    return _largest_turn(found, empty, aspect, path.name)
+    return _largest_turn(found, aspect, path.name)
 
 
 def explained_lift(folder: Path, lift: int, serial: str | None) -> Turn:
@@ -71,10 +70,10 @@ def explained_lift(folder: Path, lift: int, serial: str | None) -> Turn:
     found = Estimation(choose_estimator(None, None)).of_sensor(tip)
     manifest = read_manifest_of(folder, TrialManifest, "it has no lifts")
     mark = "SIMULATED, " if manifest.simulated else ""
-    return _largest_turn(found, tip.background, tip.aspect, f"{mark}lift {lift}, {tip.serial}")
+    return _largest_turn(found, tip.aspect, f"{mark}lift {lift}, {tip.serial}")
 
 
-def _largest_turn(found: EstimatedSeries, background: Image, aspect: float | None, title: str) -> Turn:
+def _largest_turn(found: EstimatedSeries, aspect: float | None, title: str) -> Turn:
     """Find the frame with the largest rotation from the zero. Raises `InputError` without any angle."""
     estimate = found.estimate
     answered = [(abs(s.angle_deg), i) for i, s in enumerate(estimate.samples) if s.angle_deg is not None]
@@ -91,7 +90,7 @@ def _largest_turn(found: EstimatedSeries, background: Image, aspect: float | Non
         found.sign * (sample.angle_deg or 0.0),
         sample.sigma_deg,
         sample.shift_px or (0.0, 0.0),
-        background,
+        found.untouched,
         aspect,
         title,
     )
@@ -179,8 +178,8 @@ def _turned(slopes: Gradient, mask: Image, turn: Turn) -> Gradient:
     down, across = np.nonzero(mask)
     middle = complex(across.mean(), down.mean())
     height, width = slopes.shape
-    rows, columns = turn.background.shape[:2]
-    shift = complex(turn.shift_px[0] * width / columns, turn.shift_px[1] * height / rows)
+    full_height, full_width = turn.background.shape[:2]
+    shift = complex(turn.shift_px[0] * width / full_width, turn.shift_px[1] * height / full_height)
     # counter-clockwise as seen, with y down
     turning = cmath.exp(-1j * math.radians(turn.angle_deg))
     columns, rows = np.meshgrid(np.arange(width), np.arange(height))

@@ -1,4 +1,4 @@
 """Manual labels: contact masks as outlines, and angles from lines drawn on a page.
 
-Imports only `rig.frames`, `rig.sessions`, `rig.pages` and `rig.tactile.contact` from `rig`.
+Imports only `rig.frames`, `rig.sessions`, `rig.pages` and `rig.tactile` from `rig`.
 """

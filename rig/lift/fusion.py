@@ -79,15 +79,16 @@ class FusedAngles:
         self, now: SlipSample, others: list[SlipSample], before: SlipSample | None = None
     ) -> SlipSample:
         fused = fuse(now, others, before)
-        if fused.angle_deg is None:
+        angle = fused.angle_deg
+        if angle is None:
             return fused
         if self._last is not None and fused.sigma_deg is not None:
             time_ns, last_deg = self._last
             most = math.degrees(MOST_RATE_RAD_S) * abs(fused.time_ns - time_ns) / NS_PER_S
-            angle = min(max(fused.angle_deg, last_deg - most), last_deg + most)
-            sigma = math.hypot(fused.sigma_deg, fused.angle_deg - angle)
-            fused = replace(fused, angle_deg=angle, sigma_deg=sigma)
-        self._last = fused.time_ns, fused.angle_deg or 0.0
+            limited = min(max(angle, last_deg - most), last_deg + most)
+            sigma = math.hypot(fused.sigma_deg, angle - limited)
+            fused, angle = replace(fused, angle_deg=limited, sigma_deg=sigma), limited
+        self._last = fused.time_ns, angle
         return fused
 
 

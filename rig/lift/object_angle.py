@@ -55,9 +55,8 @@ class TipTrack:
 class ObjectAngle:
     """Fuses the samples of the fingertips of one lift.
 
-    signs: of the fingertips by serial. From `begin` on, each sample gives one fused sample in `fused`, and
-    `alarm_ns` is
-    the time of the first that shows a slip.
+    signs: of the fingertips by serial. From `begin` on, each sample gives one fused sample in `fused`.
+    `alarm_ns` is the time of the first fused sample that shows a slip.
     """
 
     def __init__(self, signs: Mapping[str, int]) -> None:

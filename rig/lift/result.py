@@ -89,10 +89,8 @@ def reaction_records(watch: SlipWatch, truth: Angles, lift_ns: int) -> tuple[Rea
     reactions = list(_reactions(watch.steps))
     began_ns = [lift_ns, *(steps[-1][1] for steps in reactions)]
     return tuple(
-        _record(
-            steps, [e for e in watch.events if since <= e.due_ns <= until], truth, lift_ns, (since, until)
-        )
-        for steps, (since, until) in zip(reactions, pairwise(began_ns), strict=True)
+        _record(steps, watch.events, truth, lift_ns, span)
+        for steps, span in zip(reactions, pairwise(began_ns), strict=True)
     )
 
 
@@ -107,11 +105,11 @@ def _reactions(steps: Sequence[Step]) -> Iterator[list[Step]]:
 
 
 def _record(
-    steps: Sequence[Step], events: list[SlipEvent], truth: Angles, lift_ns: int, span: tuple[int, int]
+    steps: Sequence[Step], events: Sequence[SlipEvent], truth: Angles, lift_ns: int, span: tuple[int, int]
 ) -> ReactionRecord:
     (_, command_ns, position), (last, end_ns, end_position) = steps[0], steps[-1]
     onset_ns = _onset_ns(truth, *span)
-    event = events[0] if events else None
+    event = next((event for event in events if span[0] <= event.due_ns <= span[1]), None)
     event_ns = None if event is None else event.raised_ns
     still_ns = max(t for s, t, _ in steps if s in (ReactionStep.STANDS, ReactionStep.CLOSED))
     rest_ns = end_ns if last is ReactionStep.REST else None

@@ -207,12 +207,14 @@ class SlipWatch:
         if tip is None:
             return
         tip.update(answer)
-        away_deg, agreed_deg = self._away_deg()
-        if self._raised_ns is None and tip.slips(away_deg, agreed_deg) and self._goes_on(away_deg):
-            self._raised_ns = self._now_ns
+        if self._raised_ns is None:
+            away_deg, agreed_deg = self._away_deg()
+            if tip.slips(away_deg, agreed_deg) and self._goes_on(away_deg):
+                self._raised_ns = self._now_ns
+        if self._raised_ns is None or self._pending is not None:
+            return
         limit = self.max_turn_deg
-        too_late_soon = limit is None or tip.predicted_deg(self._closing_s) >= limit
-        if self._pending is None and self._raised_ns is not None and too_late_soon:
+        if limit is None or tip.predicted_deg(self._closing_s) >= limit:
             self._pending = SlipEvent(serial, self._raised_ns, self._now_ns)
             self.events.append(self._pending)
 

@@ -131,9 +131,8 @@ def estimator(
 
     name, window, pixel_aspect, gel: as for `estimate`. background: a frame without contact, (H, W, 3) uint8
     RGB, preferably the mean of several. sign: -1 for a fingertip on the side of the object away from the
-    camera.
-    Raises `InputError`, and `EstimatorError` if it cannot be made. Warns (`UserWarning`) if the background
-    looks like a contact, also later, after a frame that shows this.
+    camera. Raises `InputError`, and `EstimatorError` if it cannot be made. Warns (`UserWarning`) if the
+    background looks like a contact, also later, after a frame that shows this.
 
     From then on OpenCV and BLAS compute in one thread in this program, as on the command line. Otherwise the
     last digits of the angles would depend on the number of cores.

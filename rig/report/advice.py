@@ -55,8 +55,8 @@ def _about_lifts(trial: Trial) -> Iterator[Notice]:
         yield Notice("warn", f"{counted(len(failed), 'attempt')} ended in a rig fault: {names}.", advice)
     if fallen := [lift.title for lift in lifts if lift.outcome is LiftOutcome.FALLEN]:
         advice = (
-            "Grip more firmly (grip_mm in the object's file) or lift less high, to measure the whole "
-            "rotation."
+            "Grip more firmly (grip_mm in the object's file) or lift less high, to measure the "
+            "whole rotation."
         )
         yield Notice("warn", f"The object fell in {joined(fallen)}.", advice)
     counts = Counter(lift.name for lift in lifts)
@@ -79,9 +79,8 @@ def _about_angles(trial: Trial) -> Iterator[Notice]:
         why = main_refusal(lift.states for lift in bad)
         worst = min(bad, key=lambda lift: lift.answered)
         what = (
-            f"Angles for less than {LEAST_ANSWERED:.0%} of the frames in {counted(len(bad), 'lift')}, least "
-            "in "
-            f"{worst.title} with {worst.answered:.0%}; most often '{why}'."
+            f"Angles for less than {LEAST_ANSWERED:.0%} of the frames in {counted(len(bad), 'lift')}, "
+            f"least in {worst.title} with {worst.answered:.0%}; most often '{why}'."
         )
         yield Notice("warn", what, ADVICE[why])
     yield from sigma_notices(curves_of(trial.lifts))
@@ -89,13 +88,12 @@ def _about_angles(trial: Trial) -> Iterator[Notice]:
     if missing := [(share, lift) for share, lift in known if share > MOST_UNSEEN]:
         share, worst = max(missing, key=lambda pair: pair[0])
         what = (
-            f"The markers were lost for more than {MOST_UNSEEN:.0%} of {counted(len(missing), 'lift')}, most "
-            "in "
-            f"{worst.title} ({share:.0%})."
+            f"The markers were lost for more than {MOST_UNSEEN:.0%} of {counted(len(missing), 'lift')}, "
+            f"most in {worst.title} ({share:.0%})."
         )
         advice = (
-            "These frames have no error. Check that hand and object hide no marker, and that the light is "
-            "even."
+            "These frames have no error. Check that hand and object hide no marker, and that the "
+            "light is even."
         )
         yield Notice("warn", what, advice)
     if found := [(lift, turned) for lift in trial.lifts if (turned := lift.turns_against)]:
@@ -103,8 +101,8 @@ def _about_angles(trial: Trial) -> Iterator[Notice]:
         many = counted(len(found), "lift")
         what = f"The estimate turns against the markers in {many}. In {worst.title}, {turned}."
         advice = (
-            "Compare the serial printed on each sensor with finger and sign of its [[tactile]] in the bench "
-            "file."
+            "Compare the serial printed on each sensor with finger and sign of its [[tactile]] in the "
+            "bench file."
         )
         yield Notice("bad", what, advice)
 
@@ -157,8 +155,7 @@ def _about_setup(trial: Trial) -> Iterator[Notice]:
         what = f"Size and position of the markers are inconsistent in {where}: {off}."
         advice = (
             "Check marker_side_m and position_m of [camera] and position_m of [table] in the bench file, or "
-            "run "
-            "rig calibrate camera and hand-eye; and check that objects are placed on their mark."
+            "run rig calibrate camera and hand-eye; and check that objects are placed on their mark."
         )
         yield Notice("warn", what, advice)
     if failed := [(lift, faults) for lift in trial.lifts if (faults := lift.estimator_faults)]:
@@ -192,13 +189,12 @@ def _about_frames(trial: Trial) -> Iterator[Notice]:
     period_ms = 1000.0 / sum(tactile.rate_hz for tactile in trial.manifest.config.tactile)
     if totals and (slow := float(np.median(totals))) > period_ms:
         what = (
-            f"1 frame in 100 takes {slow:.0f} ms, and a frame of some fingertip comes every {period_ms:.1f} "
-            "ms."
+            f"1 frame in 100 takes {slow:.0f} ms, and a frame of some fingertip comes every "
+            f"{period_ms:.1f} ms."
         )
         advice = (
             "In real time angles would be late. Run nothing else on this computer (parallel simulated lifts "
-            "slow "
-            "each other down); the table of stages below shows which stage is slow."
+            "slow each other down); the table of stages below shows which stage is slow."
         )
         yield Notice("warn", what, advice)
 
@@ -217,8 +213,8 @@ def _about_slips(trial: Trial) -> Iterator[Notice]:
     if early := [lift.title for lift in still if lift.onset_alarm_s is not None and not lift.reactions]:
         what = f"A slip event was reported although nothing slipped in {joined(early)}."
         advice = (
-            "A controller that grips more firmly on a slip event would have done so unnecessarily in these "
-            "lifts."
+            "A controller that grips more firmly on a slip event would have done so unnecessarily in "
+            "these lifts."
         )
         yield Notice("warn", what, advice)
 

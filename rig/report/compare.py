@@ -99,7 +99,7 @@ class Comparison:
     objects: dict[str, Paired]
     pairs: tuple[Pair, ...]
     alone: tuple[tuple[str, ...], tuple[str, ...]]
-    apart: tuple["OwnError", ...] = ()
+    apart: tuple[OwnError, ...] = ()
 
     @property
     def judged(self) -> bool:

@@ -210,10 +210,8 @@ def curves_page(tables: Tables) -> ReportPage:
     charts, table = _charts(tables), _table(tables, value)
     lifts = []
     for number, lift in enumerate(tables.lifts, start=1):
-        chart, data = (
-            lift_chart(lift.curves, _caption(lift)),
-            explored(lift.curves, angle_panels(lift.curves)),
-        )
+        chart = lift_chart(lift.curves, _caption(lift))
+        data = explored(lift.curves, angle_panels(lift.curves))
         lifts.append(replace(chart, anchor=f"lift-{number}", explored=data))
     page = render(
         "rig.report",

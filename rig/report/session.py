@@ -64,8 +64,7 @@ def read_trial(folder: Path, manifest: TrialManifest) -> Trial:
         named = joined([f"{lift.title} ({lift.recording}: {joined(list(of))})" for lift, of in gaps])
         advice = (
             "Their results are in the tables; curves and frames are shown without the damaged parts. Copy "
-            "the "
-            "session again from the rig's disk, or repeat these lifts."
+            "the session again from the rig's disk, or repeat these lifts."
         )
         what = f"{len(gaps)} of {counted(len(lifts), 'recording')} are damaged in part: {named}."
         problems.append(Notice("bad", what, advice))

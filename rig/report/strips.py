@@ -87,7 +87,7 @@ def pictures(
         seen_s, image = nearest(time_s)
         estimate, truth = angles_at(lift, serial, seen_s)
         if tip is None:
-            found.append((image, f"{round(seen_s, 2) + 0.0:.2f} s: {angle_text(truth)}"))
+            found.append((image, caption(seen_s, truth)))
         else:
             found.append((drawn(image, tip, estimate, truth), caption(seen_s, estimate, truth)))
     return found
@@ -169,10 +169,10 @@ def angles_at(lift: LiftCurves, serial: str, time_s: float) -> tuple[float, floa
     return float(nearest), float(truth)
 
 
-def caption(time_s: float, estimate_deg: float, truth_deg: float | None = None) -> str:
-    """Return a caption with time and angles. truth_deg: None if the source has no ground truth."""
-    marker = "" if truth_deg is None else f", marker {angle_text(truth_deg)}"
-    return f"{round(time_s, 2) + 0.0:.2f} s: {angle_text(estimate_deg)}{marker}"
+def caption(time_s: float, angle_deg: float, marker_deg: float | None = None) -> str:
+    """Return a caption with time and angle. marker_deg: None to leave the marker angle out."""
+    marker = "" if marker_deg is None else f", marker {angle_text(marker_deg)}"
+    return f"{round(time_s, 2) + 0.0:.2f} s: {angle_text(angle_deg)}{marker}"
 
 
 def rgb(hex_colour: str) -> tuple[int, int, int]:

@@ -105,8 +105,8 @@ def _tiles(trial: Trial, summary: TrialSummary) -> list[tuple[str, str]]:
     tiles = [(counted(summary.lifts_accepted, "lift"), f"of {counted(len(summary.objects), 'object')}")]
     if reacting := summary.reacting:
         what = (
-            f"lifts caught by the reaction to slip '{reacting.kind}'; their MARE is separate from that of "
-            "others"
+            f"lifts caught by the reaction to slip '{reacting.kind}'; their MARE is separate from that "
+            "of others"
         )
         tiles.append((f"{reacting.caught} of {reacting.lifts}", what))
     tiles += [
@@ -324,8 +324,8 @@ def beside(trial: Trial, other: Trial) -> dict[str, object]:
     pairs = [(before, lift) for before, lift in found if before is not None]
     if not pairs:
         raise InputError(
-            f"{other.folder}: no lift of the same object, number and seed as in {trial.folder}; repeat them "
-            "with the same --seed"
+            f"{other.folder}: no lift of the same object, number and seed as in {trial.folder}; repeat "
+            "them with the same --seed"
         )
     table = table_of(
         pairs,
@@ -365,10 +365,9 @@ def _reaction_caption(row: Lift) -> str:
     if not row.reactions:
         return f"without a reaction: turned {_turn(row)}°, {row.outcome.value}"
     return (
-        f"with '{row.react.value}': turned {_turn(row)}°; {counted(len(row.reactions), 'reaction')}, the "
-        "first "
-        f"{row.reactions[0].command_s:.2f} s into the lift, {counted(row.counts_added or 0, 'grip step')} "
-        "added"
+        f"with '{row.react.value}': turned {_turn(row)}°; {counted(len(row.reactions), 'reaction')}, "
+        f"the first {row.reactions[0].command_s:.2f} s into the lift, "
+        f"{counted(row.counts_added or 0, 'grip step')} added"
     )
 
 

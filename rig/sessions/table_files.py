@@ -56,12 +56,7 @@ def unit_of(column: str) -> str | None:
 def read_csv(path: Path, columns: Columns) -> list[Line]:
     """Read a CSV table; unknown columns are text. Raises `FormatError`, `ValueError`."""
     return [
-        {
-            name: (text == "true" if columns.get(name) is bool else columns.get(name, str)(text))
-            if text
-            else None
-            for name, text in line.items()
-        }
+        {name: _parsed(columns.get(name, str), text) for name, text in line.items()}
         for _, line in formats.read_csv(path).rows()
     ]
 

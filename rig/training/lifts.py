@@ -94,23 +94,23 @@ def hand_turn_deg(base_T_tcp: Pose) -> float:  # noqa: N803
 class LearntLift:
     """One lift as training data, stored or simulated.
 
-    signs: of the fingertips by serial. phases: their start times, ns. states: all samples of the arm. frames:
-    yields the frames of a serial. base_T_grasp: pose of the hand at the grasp, None for that of the first
-    sample after it.
+    signs: of the fingertips by serial. phases: their start times, ns. states: yields all samples of the arm.
+    frames: yields the frames of a serial. base_T_grasp: pose of the hand at the grasp, None for that of the
+    first sample after it.
     """
 
     object_id: str
     signs: Mapping[str, int]
     phases: dict[str, int]
     turn: Turn
-    states: Sequence[ArmState]
+    states: Callable[[], Iterable[ArmState]]
     frames: Callable[[str], Iterable[Frame]]
     base_T_grasp: Pose | None = None  # noqa: N815
 
     def wrist(self) -> WristSeries:
         """Combine the arm's samples with the ground truth."""
         lift_ns, grasp_ns, lower_ns = (self.phases[p] for p in (Phase.LIFT, Phase.GRASP, Phase.LOWER))
-        kept = tuple(s for s in self.states if grasp_ns <= s.time_ns < lower_ns)
+        kept = tuple(s for s in self.states() if grasp_ns <= s.time_ns < lower_ns)
         rising = np.array([s.time_ns >= lift_ns for s in kept], bool)
         turns = [self.turn(s.time_ns) if late else 0.0 for s, late in zip(kept, rising, strict=True)]
         return WristSeries(self.object_id, kept, np.array(turns, np.float64), rising)  # None becomes NaN
@@ -121,7 +121,7 @@ class LearntLift:
         The frames begin just before the lift and end with phase C. Raises `SessionError`.
         """
         lift_ns, grasp_ns, lower_ns = (self.phases[p] for p in (Phase.LIFT, Phase.GRASP, Phase.LOWER))
-        pose = self.base_T_grasp or next(s for s in self.states if s.time_ns >= grasp_ns).base_T_tcp
+        pose = self.base_T_grasp or next(s for s in self.states() if s.time_ns >= grasp_ns).base_T_tcp
         hand = hand_turn_deg(pose)
         for serial, sign in self.signs.items():
             for frame in self.frames(serial):
@@ -140,14 +140,9 @@ def stored_lifts(folders: Sequence[Path]) -> list[LearntLift]:
         manifest = read_manifest_of(folder, TrialManifest, why)
         for row in finished(read_lifts(folder)):
             path = folder / row.recording
-            phases, turn, states = (
-                phase_times(path),
-                recorded_truth(path).at_ns,
-                list(recorded_arm_states(path)),
-            )
-            lifts.append(
-                LearntLift(row.object, manifest.signs, phases, turn, states, partial(_thinned, path))
-            )
+            phases, turn = phase_times(path), recorded_truth(path).at_ns
+            states, frames = partial(recorded_arm_states, path), partial(_thinned, path)
+            lifts.append(LearntLift(row.object, manifest.signs, phases, turn, states, frames))
     if not lifts:
         raise InputError(f"{', '.join(map(str, folders))}: no finished lift: run rig trial first")
     return lifts
@@ -187,7 +182,8 @@ def simulated_lifts(
             report(done, len(tasks))
         signs = {tip.sensor.serial: tip.sign for tip in made.bench.fingertips}
         pose, frames = plan.base_T_grasp, seen.frames.__getitem__
-        yield LearntLift(plan.object_id, signs, seen.phases, seen.turn_deg, seen.states, frames, pose)
+        states = partial(iter, seen.states)
+        yield LearntLift(plan.object_id, signs, seen.phases, seen.turn_deg, states, frames, pose)
 
 
 @dataclass(slots=True)

@@ -1,7 +1,7 @@
-"""Lengths in another unit than mm."""
+"""Lengths in units other than mm."""
 
 import pytest
 
 IN_MM = {"metres": 1e-3, "cm": 0.1, "inches": 1 / 25.4, "micrometres": 1e3}
-"""How much smaller the number of a length is than its number of mm."""
+"""Length of 1 mm in each unit."""
 units = pytest.mark.parametrize("unit", IN_MM)

@@ -542,7 +542,7 @@ class GripperRtu(WireGripper):
         self._link = Path(link_path)
         self._ends: tuple[int, ...] = ()
         self._heard_ns = 0
-        self.device = str(link_path)
+        self.device = str(self._link)
         """Path to open as a serial device, from `start` on."""
 
     async def _open(self) -> None:

@@ -31,10 +31,10 @@ from fakes.world.mirror import PATIENCE_S, MirroredWorld, Snapshot, Track, snaps
 from fakes.world.world import World
 
 START_S = 120.0
-"""Time limit for the start of the process and for its answers: longer than a loaded host takes."""
+"""Time limit for the start of the rendering process and for its answers: longer than a loaded host takes."""
 STOP_S = 5.0
 ALIVE_S = 0.25
-"""Interval at which the process checks that all of its threads are alive."""
+"""Interval at which the rendering process checks that all of its threads are alive."""
 CAMERA_PHASE = 0.125
 """Share of its period at which the camera captures: a quarter of a fingertip's period after the first."""
 SWITCH_S = 0.0005

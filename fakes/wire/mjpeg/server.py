@@ -148,8 +148,10 @@ class MjpegSensor:
             self._greens = max(self._greens - 1, 0)
             shift, cut = self._hits("shift"), self._hits("truncate")
         if frozen is None:
-            nothing = np.full((size[1], size[0], 3), _EMPTY_BUFFER_RGB, np.uint8)
-            image = nothing if empty else self._raw(time_ns, size, shift)
+            if empty:
+                image = np.full((size[1], size[0], 3), _EMPTY_BUFFER_RGB, np.uint8)
+            else:
+                image = self._raw(time_ns, size, shift)
             frozen = self._last = encoded(image, JPEG_QUALITY)
         return Capture(number, time_ns, frozen[: int(len(frozen) * _CUT_AT)] if cut else frozen)
 

@@ -47,7 +47,6 @@ SERVO_ACCELERATION = 40.0
 SERVO_GAIN = 300.0
 """Default gain of servoj (script manual)."""
 _LEAST = 1e-4
-_NS = 1_000_000_000
 
 
 class OutOfReachError(Exception):
@@ -140,7 +139,7 @@ class PathMove:
 
     def step(self, body: Body, dt_s: float) -> bool:
         self._elapsed_s += dt_s
-        fraction = self._travel.fraction_at(round(self._elapsed_s * _NS))
+        fraction = self._travel.fraction_at(round(self._elapsed_s * NS_PER_S))
         self._go(body, fraction)
         return fraction >= 1.0
 

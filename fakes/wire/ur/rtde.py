@@ -250,6 +250,7 @@ class RtdeSession:
         return bytes([number]) + ",".join(kinds).encode()
 
     def _stream(self, started: bool, answer: bytes) -> bytes:
+        """Start or pause the data packages. answer: the reply; if empty, whether they were started."""
         self.started = started
         return answer or bytes([started])
 

@@ -133,7 +133,7 @@ class JudgedLabel:
         return abs(self.held_deg - self.label.angle_deg)
 
     def within(self, allowed_deg: float) -> bool:
-        """Return whether there is an angle with an error of at most 3 degrees, or of an allowed value."""
+        """Return whether there is an angle whose error is at most 3 degrees or the allowed error."""
         return self.angle_deg is not None and self.error_deg <= max(CLOSE_DEG, allowed_deg)
 
     @property
@@ -156,7 +156,7 @@ class JudgedLabel:
 
     @property
     def false_rest(self) -> bool:
-        """Whether the object has turned, but more than half of it was missed with a useful sigma."""
+        """Whether the object has turned, but more than half of its angle was missed with a useful sigma."""
         true = self.label.angle_deg
         return self.useful and abs(true) >= TURNED_DEG and (true - self.held_deg) / true > MISSED_SHARE
 

@@ -3,8 +3,9 @@
 Keyframe k was taken at angle theta_k with the tracked point at p_k. For a candidate pose (theta, p) it has
 turned by theta - theta_k, and its center has moved so that the point is at p. The residuals of its slopes and
 of its texture, each divided by its mean square, are linearised in (theta, p); gain and constant slope of each
-keyframe are eliminated. The sum over the keyframes, weighted by richness, and a Gaussian prior around the
-expected angle give one 3 x 3 system per iteration.
+keyframe are eliminated. The sum over the keyframes, weighted by richness, and a prior around the expected
+angle give one 3 x 3 system per iteration. The pull of the prior is bounded (Huber), because it would tear a
+far start from the pose that the start has found.
 """
 
 import cmath
@@ -225,8 +226,8 @@ class Aligner:
         at = np.array([(angle, point.real, point.imag) for angle, point in starts])
         return align(
             self._bank, self._facts, used, self._slopes, self._texture, self._views, self._weights,
-            self._scratch, at, self._expected_rad, prior, self._share, ALIGNMENT.score_of_loss, channels,
-            most, part, self._out,
+            self._scratch, at, self._expected_rad, prior, ALIGNMENT.surprise_rad, self._share,
+            ALIGNMENT.score_of_loss, channels, most, part, self._out,
         )  # fmt: skip
 
     def _fit(self, alone: bool = False) -> Fit:

@@ -88,8 +88,8 @@ def _run_all() -> None:
     used = np.zeros(1, np.int64)
     weigh(bank, facts, used, planes, planes, views, 0.1, 0.1, weights)
     align(
-        bank, facts, used, planes, planes, views, weights, scratch, np.zeros((1, 3)), 0.0, 1.0, 1.0, 1.0,
-        2, 1, 3, np.zeros(RESULTS),
+        bank, facts, used, planes, planes, views, weights, scratch, np.zeros((1, 3)), 0.0, 1.0, 1.0,
+        1.0, 1.0, 2, 1, 3, np.zeros(RESULTS),
     )  # fmt: skip
     kept(bank[0, 0], facts[0], planes, views[0], 0.1)
     sought(bank[0, CURVED], facts[0], planes, views[0], np.zeros(3), 1, 0.1, 1, 1.0, 1)

@@ -34,8 +34,6 @@ GAIN_PRIOR, SLOPE_PRIOR, DAMPING = 1e-3, 10.0, 1e-3
 RENEWED_AFTER = 2
 DONE_RAD, DONE_PX = 1e-3, 3e-2
 MOST_TURN_STEP_RAD, MOST_STEP_PX = 0.1, 1.5
-# The expected angle pulls no stronger than from here (Huber): far starts would be torn from what they found.
-MOST_SURPRISE_RAD = 0.2
 # A channel is never weighted as if it fitted better than this share of its energy.
 LEAST_MISFIT, LEAST_GAIN, MOST_GAIN = 0.02, 0.3, 2.0
 LEAST_UNEXPLAINED = 0.1
@@ -329,8 +327,8 @@ def _add(
 @compiled
 def _align(
     bank: Values, facts: Sums, used: NDArray[np.int64], slopes: Values, texture: Values, views: Sums,
-    weights: Values, scratch: Values, start: Sums, expected_rad: float, prior: float, slopes_share: float,
-    score_of_loss: float, channels: int, most: int, part: int, out: Sums,
+    weights: Values, scratch: Values, start: Sums, expected_rad: float, prior: float, surprise_rad: float,
+    slopes_share: float, score_of_loss: float, channels: int, most: int, part: int, out: Sums,
 ) -> None:  # fmt: skip
     """Align a frame to keyframes jointly, from the start (angle, point), with one part of the points."""
     angle, x, y = start[0], start[1], start[2]
@@ -383,7 +381,7 @@ def _align(
                     normal, pulled,
                 )  # fmt: skip
         normal[0, 0] += prior
-        pulled[0] += prior * min(max(expected_rad - angle, -MOST_SURPRISE_RAD), MOST_SURPRISE_RAD)
+        pulled[0] += prior * min(max(expected_rad - angle, -surprise_rad), surprise_rad)
         if last:
             break
         step = _solved(normal, pulled)
@@ -418,23 +416,24 @@ def _align(
 @compiled
 def align(
     bank: Values, facts: Sums, used: NDArray[np.int64], slopes: Values, texture: Values, views: Sums,
-    weights: Values, scratch: Values, starts: Sums, expected_rad: float, prior: float, slopes_share: float,
-    score_of_loss: float, channels: int, most: int, part: int, out: Sums,
+    weights: Values, scratch: Values, starts: Sums, expected_rad: float, prior: float, surprise_rad: float,
+    slopes_share: float, score_of_loss: float, channels: int, most: int, part: int, out: Sums,
 ) -> float:  # fmt: skip
     """Align a frame to keyframes jointly, from several starts (S, 3); `out` gets the result of highest rank.
 
     The rank is the score minus the missing agreement of the frame's curvature times `score_of_loss`.
     bank: (K, 3, ROWS, N), with facts (K, FACTS); used: which of them, the richest first. slopes: (4, h, w),
     texture: (3, h, w). views: of both, pixels per work pixel, and an offset in x and y. weights: (K, 2, N).
-    channels: 1 for slopes alone, with plain weights. most: iterations. part: every Nth
-    point is used. out: see `RESULTS`. Return the rank from the first start.
+    prior: weight of the expected angle, which pulls no stronger than from `surprise_rad` away (Huber).
+    channels: 1 for slopes alone, with plain weights. most: iterations. part: every Nth point is used.
+    out: see `RESULTS`. Return the rank from the first start.
     """
     found = np.empty(RESULTS)
     out[RANK], first = -1e9, 0.0
     for s in range(len(starts)):
         _align(
             bank, facts, used, slopes, texture, views, weights, scratch, starts[s], expected_rad, prior,
-            slopes_share, score_of_loss, channels, most, part, found,
+            surprise_rad, slopes_share, score_of_loss, channels, most, part, found,
         )  # fmt: skip
         if s == 0:
             first = found[RANK]

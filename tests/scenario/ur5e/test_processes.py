@@ -83,7 +83,7 @@ def process_of(controller: URController, kind: str) -> int:
 
 
 def exists(pid: int) -> bool:
-    """Whether a process runs (one that is only not yet collected does not)."""
+    """Return whether a process runs; a zombie does not."""
     state = _read(Path(f"/proc/{pid}/stat")).rpartition(b")")[2].split()
     return bool(state) and state[0] != b"Z"
 

@@ -49,7 +49,7 @@ STEP_S = 0.004
 
 
 def track_of(heights_m: list[float], held: bool = False) -> list[TrueState]:
-    """A tool at these heights, one after the other each 4 ms."""
+    """A tool at these heights, one every 4 ms."""
     return [TrueState(to_ns(i * STEP_S), (0.0, 0.0, z), 6.0, held) for i, z in enumerate(heights_m)]
 
 

@@ -5,7 +5,7 @@ import resource
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +15,7 @@ from drivers.errors import OperatorStopError, RecordingError
 from drivers.types import Frame
 from rig.sessions import unfinished
 from rig.sessions.recorder import LiftRecorder
-from rig.sessions.records import LIFTS, Lift
+from rig.sessions.records import LIFTS
 from rig.sessions.session import open_session
 from rig.sessions.unfinished import BackgroundFile, completed, new_recording
 from support.recordings import trial_request, unfinished_recordings
@@ -127,9 +127,7 @@ def test_full_disk_is_an_error_within_the_lift(tmp_path: Path) -> None:
     assert writers() == []
 
 
-def test_finished_recording_gets_its_name_and_an_unlisted_one_is_kept(
-    tmp_path: Path, lift_row: Callable[..., Lift]
-) -> None:
+def test_finished_recording_gets_its_name_and_an_unlisted_one_is_kept(tmp_path: Path) -> None:
     """The state after a crash between renaming a recording and appending its line."""
     with open_session(tmp_path / "s", trial_request(), LIFTS, resume=False) as session:
         lifts = session.folder / "lifts"

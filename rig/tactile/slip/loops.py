@@ -33,6 +33,8 @@ GAIN_PRIOR, SLOPE_PRIOR, DAMPING = 1e-3, 10.0, 1e-3
 # Robust weights and the normal matrix are computed twice: at first, and in this iteration.
 RENEWED_AFTER = 2
 DONE_RAD, DONE_PX = 1e-3, 3e-2
+SAME_RAD, SAME_PX = 3.5e-3, 0.1
+"""A start that comes nearer to an earlier fit is not followed further: it would end there too."""
 MOST_TURN_STEP_RAD, MOST_STEP_PX = 0.1, 1.5
 # A channel is never weighted as if it fitted better than this share of its energy.
 LEAST_MISFIT, LEAST_GAIN, MOST_GAIN = 0.02, 0.3, 2.0
@@ -47,33 +49,33 @@ SCRATCH = 13
 
 
 @compiled
-def _cell(
-    key: Values, i: int, cosine: np.float32, sine: np.float32, right: np.float32, down: np.float32,
-    last_x: np.float32, last_y: np.float32,
-) -> tuple[np.float32, np.uintp, np.uintp, np.float32, np.float32]:  # fmt: skip
-    """Return whether a moved point is inside, 1 or 0, its column and row, and the fractions beyond them."""
+def _placed(
+    key: Values, shape: tuple[int, int, int], view: Sums, x: float, y: float, angle: float, count: int
+) -> tuple[NDArray[np.int32], Values]:
+    """Return where a keyframe's points, moved, are in a plane of planes (C, h, w).
+
+    The index of the pixel left above each, and the weights (4, count) of it and its neighbours right, below,
+    and right below; 0 outside. Apart from the reading, because only this part is done in vectors.
+    """
+    scale, width = view[0], np.int32(shape[2])
+    cosine, sine = np.float32(math.cos(angle) * scale), np.float32(math.sin(angle) * scale)
+    right, down = np.float32(x * scale + view[1]), np.float32(y * scale + view[2])
+    last_x, last_y = np.float32(shape[2] - 1.001), np.float32(shape[1] - 1.001)
     none, one = np.float32(0.0), np.float32(1.0)
-    at_x = key[X, i] * cosine + key[Y, i] * sine + right
-    at_y = key[Y, i] * cosine - key[X, i] * sine + down
-    in_x, in_y = min(max(at_x, none), last_x), min(max(at_y, none), last_y)
-    inside = one if at_x == in_x and at_y == in_y else none
-    column, row = np.intp(in_x), np.intp(in_y)
-    return inside, np.uintp(column), np.uintp(row), in_x - np.float32(column), in_y - np.float32(row)
-
-
-@compiled
-def _blended(
-    planes: Values, k: int, r: np.uintp, c: np.uintp, a: np.float32, b: np.float32, d: np.float32,
-    e: np.float32,
-) -> np.float32:  # fmt: skip
-    """Return the weighted mean of four neighbouring pixels of plane k."""
-    step = np.uintp(1)
-    return (
-        a * planes[k, r, c]
-        + b * planes[k, r, c + step]
-        + d * planes[k, r + step, c]
-        + e * planes[k, r + step, c + step]
-    )
+    at, parts = np.empty(count, np.int32), np.empty((4, count), np.float32)
+    for i in range(count):
+        at_x = key[X, i] * cosine + key[Y, i] * sine + right
+        at_y = key[Y, i] * cosine - key[X, i] * sine + down
+        in_x, in_y = min(max(at_x, none), last_x), min(max(at_y, none), last_y)
+        inside = one if at_x == in_x and at_y == in_y else none
+        column, row = np.int32(in_x), np.int32(in_y)
+        aside, under = in_x - np.float32(column), in_y - np.float32(row)
+        both = aside * under
+        at[i] = row * width + column
+        parts[0, i] = inside * (one - aside - under + both)
+        parts[1, i], parts[2, i] = inside * (aside - both), inside * (under - both)
+        parts[3, i] = inside * both
+    return at, parts
 
 
 @compiled
@@ -82,39 +84,33 @@ def _read(
     count: int, values: Values,
 ) -> None:  # fmt: skip
     """Read planes (3, h, w) at a keyframe's points, moved, vectors turned back, into values; 0 outside."""
-    scale = view[0]
-    cosine, sine = np.float32(math.cos(angle) * scale), np.float32(math.sin(angle) * scale)
-    right, down = np.float32(x * scale + view[1]), np.float32(y * scale + view[2])
+    at, parts = _placed(key, planes.shape, view, x, y, angle, count)
     back, aslant = np.float32(math.cos(turns * angle) * unit), np.float32(math.sin(turns * angle) * unit)
-    last_x, last_y = np.float32(planes.shape[2] - 1.001), np.float32(planes.shape[1] - 1.001)
-    one, third = np.float32(1.0), np.float32(unit)
+    third, step, line = np.float32(unit), np.uintp(1), np.uintp(planes.shape[2])
+    one, two, three = planes[0].reshape(-1), planes[1].reshape(-1), planes[2].reshape(-1)
     for i in range(count):
-        inside, c, r, aside, under = _cell(key, i, cosine, sine, right, down, last_x, last_y)
-        both = aside * under
-        a, b, d = one - aside - under + both, aside - both, under - both
-        v = _blended(planes, 0, r, c, a, b, d, both)
-        w = _blended(planes, 1, r, c, a, b, d, both)
-        u = _blended(planes, 2, r, c, a, b, d, both)
-        values[0, i] = inside * (v * back - w * aslant)
-        values[1, i] = inside * (v * aslant + w * back)
-        values[2, i] = inside * u * third
+        k = np.uintp(at[i])
+        a, b, d, e = parts[0, i], parts[1, i], parts[2, i], parts[3, i]
+        v = a * one[k] + b * one[k + step] + d * one[k + line] + e * one[k + line + step]
+        w = a * two[k] + b * two[k + step] + d * two[k + line] + e * two[k + line + step]
+        u = a * three[k] + b * three[k + step] + d * three[k + line] + e * three[k + line + step]
+        values[0, i] = v * back - w * aslant
+        values[1, i] = v * aslant + w * back
+        values[2, i] = u * third
 
 
 @compiled
 def _agreement(
-    key: Values, plane: Values, view: Sums, x: float, y: float, angle: float, count: int
+    key: Values, planes: Values, view: Sums, x: float, y: float, angle: float, count: int
 ) -> float | np.float32:
-    """Return the cosine between a keyframe's curvature and that of a frame, (h, w), at its points, moved."""
-    cosine, sine = np.float32(math.cos(angle)), np.float32(math.sin(angle))
-    right, down = np.float32(x + view[1]), np.float32(y + view[2])
-    last_x, last_y = np.float32(plane.shape[1] - 1.001), np.float32(plane.shape[0] - 1.001)
-    step = np.uintp(1)
+    """Return the cosine between a keyframe's curvature and that of a frame, (4, h, w), at its points, moved."""
+    at, parts = _placed(key, planes.shape, view, x, y, angle, count)
+    plane, step, line = planes[3].reshape(-1), np.uintp(1), np.uintp(planes.shape[2])
     product, power, energy = np.float32(0.0), np.float32(1e-20), np.float32(1e-20)
     for i in range(count):
-        inside, c, r, aside, under = _cell(key, i, cosine, sine, right, down, last_x, last_y)
-        above = plane[r, c] + aside * (plane[r, c + step] - plane[r, c])
-        below = plane[r + step, c] + aside * (plane[r + step, c + step] - plane[r + step, c])
-        value = inside * (above + under * (below - above))
+        k = np.uintp(at[i])
+        above = parts[0, i] * plane[k] + parts[1, i] * plane[k + step]
+        value = above + parts[2, i] * plane[k + line] + parts[3, i] * plane[k + line + step]
         product += value * key[FIRST, i]
         power += value * value
         energy += key[FIRST, i] * key[FIRST, i]
@@ -132,7 +128,7 @@ def kept(curved: Values, facts: Sums, slopes: Values, view: Sums, turn: float) -
         # Their middle does not move.
         at_x = facts[MIDDLE_X] + x - (x * math.cos(angle) + y * math.sin(angle))
         at_y = facts[MIDDLE_Y] + y - (y * math.cos(angle) - x * math.sin(angle))
-        cosine += _agreement(curved, slopes[3], view, at_x, at_y, angle, count)
+        cosine += _agreement(curved, slopes, view, at_x, at_y, angle, count)
     return 1.0 - cosine / 2.0
 
 
@@ -161,7 +157,7 @@ def sought(
         for i in range(-steps, steps + 1):
             for j in range(-steps, steps + 1):
                 there_x, there_y = at_x + i * step_px, at_y + j * step_px
-                fit = _agreement(key, slopes[3], view, there_x - away_x, there_y - away_y, turn, count)
+                fit = _agreement(key, slopes, view, there_x - away_x, there_y - away_y, turn, count)
                 if fit > best:
                     best, found = fit, (turn + facts[ANGLE], there_x, there_y)
     return found
@@ -325,101 +321,12 @@ def _add(
 
 
 @compiled
-def _align(
-    bank: Values, facts: Sums, used: NDArray[np.int64], slopes: Values, texture: Values, views: Sums,
-    weights: Values, scratch: Values, start: Sums, expected_rad: float, prior: float, surprise_rad: float,
-    slopes_share: float, score_of_loss: float, channels: int, most: int, part: int, out: Sums,
-) -> None:  # fmt: skip
-    """Align a frame to keyframes jointly, from the start (angle, point), with one part of the points."""
-    angle, x, y = start[0], start[1], start[2]
-    values, sums = np.empty((3, MOST_POINTS), np.float32), np.empty((MOST_KEYS, 2, 2))
-    matrices, offsets = np.zeros((MOST_KEYS, 2, 6, 6)), np.zeros((MOST_KEYS, 2, 6))
-    normal, scaled, pulls, pulled = np.zeros((3, 3)), np.zeros((6, 6)), np.zeros(6), np.zeros(3)
-    fits = np.zeros((MOST_KEYS, 2))
-    for k in used:
-        for channel in range(channels):
-            total, energy, key = np.float32(1e-20), np.float32(1e-20), bank[k, channel]
-            row = key[PLAIN] if channels == 1 else weights[k, channel]
-            for i in range((int(facts[k, COUNTED + channel]) + part - 1) // part):
-                total += row[i]
-                energy += row[i] * key[SQUARE, i]
-            sums[k, channel, 0], sums[k, channel, 1] = total, energy
-    iteration, last = 0, most == 0
-    while True:
-        renew = iteration == 0 or iteration == RENEWED_AFTER
-        normal[:] = 0.0
-        pulled[:] = 0.0
-        for k in used:
-            turn = angle - facts[k, ANGLE]
-            cosine, sine = math.cos(turn), math.sin(turn)
-            at_x = x - (cosine * facts[k, LEVER_X] + sine * facts[k, LEVER_Y])
-            at_y = y - (cosine * facts[k, LEVER_Y] - sine * facts[k, LEVER_X])
-            for channel in range(channels):
-                key, matrix = bank[k, channel], matrices[k, channel]
-                count = (int(facts[k, COUNTED + channel]) + part - 1) // part
-                row = key[PLAIN] if channels == 1 else weights[k, channel]
-                planes, unit = texture if channel else slopes, facts[k, UNIT] if channel else 1.0
-                _read(key, planes, views[channel], at_x, at_y, turn, 1 + channel, unit, count, values)
-                share, fits[k, channel] = _equations(
-                    key, channel, row, scratch[k, channel], offsets[k, channel], values, count,
-                    sums[k, channel, 0], sums[k, channel, 1], renew, matrix, pulls,
-                )  # fmt: skip
-                if channel == 0:
-                    if last and channels == 1:
-                        fits[k, 0] = _trimmed(key, scratch[k, 0, 0], values, count)
-                    for a in range(6):
-                        pulls[a] *= slopes_share
-                        for b in range(6):
-                            scaled[a, b] = slopes_share * share * matrix[a, b]
-                    _eliminate(scaled, pulls)
-                    matrix, share = scaled, 1.0
-                weight = facts[k, SHARE]
-                for a in range(3):
-                    pulls[a] *= weight
-                _add(
-                    matrix, pulls, weight * share, cosine, sine, facts[k, LEVER_X], facts[k, LEVER_Y],
-                    normal, pulled,
-                )  # fmt: skip
-        normal[0, 0] += prior
-        pulled[0] += prior * min(max(expected_rad - angle, -surprise_rad), surprise_rad)
-        if last:
-            break
-        step = _solved(normal, pulled)
-        turned = min(max(step[0], -MOST_TURN_STEP_RAD), MOST_TURN_STEP_RAD)
-        right, down = (
-            min(max(step[1], -MOST_STEP_PX), MOST_STEP_PX),
-            min(max(step[2], -MOST_STEP_PX), MOST_STEP_PX),
-        )
-        angle, x, y = angle + turned, x + right, y + down
-        iteration += 1
-        last = (abs(turned) < DONE_RAD and abs(right) + abs(down) < DONE_PX) or iteration >= most
-    score = best = lacks = 0.0
-    heavy = 1e-12
-    for k in used:
-        weight, turn = facts[k, SHARE], angle - facts[k, ANGLE]
-        heavy += weight
-        best = max(best, fits[k, 0])
-        for channel in range(channels):
-            fit = max(fits[k, channel], 0.0)
-            score -= 0.5 * weight * math.log(max(1.0 - fit * fit, LEAST_UNEXPLAINED))
-        at_x = x - (math.cos(turn) * facts[k, LEVER_X] + math.sin(turn) * facts[k, LEVER_Y])
-        at_y = y - (math.cos(turn) * facts[k, LEVER_Y] - math.sin(turn) * facts[k, LEVER_X])
-        count = int(facts[k, COUNTED + CURVED])
-        lack = 1.0 - _agreement(bank[k, CURVED], slopes[3], views[SLOPES], at_x, at_y, turn, count)
-        lacks += weight * lack
-        if k == used[0]:
-            out[LOSS] = max(lack, LEAST_LOSS) / max(facts[k, OWN], LEAST_LOSS)
-    out[ANGLE_AT], out[1], out[2], out[SCORE], out[BEST] = angle, x, y, score / heavy, best
-    out[RANK] = (score - score_of_loss * lacks) / heavy
-
-
-@compiled
 def align(
     bank: Values, facts: Sums, used: NDArray[np.int64], slopes: Values, texture: Values, views: Sums,
     weights: Values, scratch: Values, starts: Sums, expected_rad: float, prior: float, surprise_rad: float,
     slopes_share: float, score_of_loss: float, channels: int, most: int, part: int, out: Sums,
 ) -> float:  # fmt: skip
-    """Align a frame to keyframes jointly, from several starts (S, 3); `out` gets the result of highest rank.
+    """Align a frame to keyframes jointly, from several starts (S, 3), which become the ends; `out` gets the result of highest rank.
 
     The rank is the score minus the missing agreement of the frame's curvature times `score_of_loss`.
     bank: (K, 3, ROWS, N), with facts (K, FACTS); used: which of them, the richest first. slopes: (4, h, w),
@@ -428,16 +335,93 @@ def align(
     channels: 1 for slopes alone, with plain weights. most: iterations. part: every Nth point is used.
     out: see `RESULTS`. Return the rank from the first start.
     """
-    found = np.empty(RESULTS)
-    out[RANK], first = -1e9, 0.0
+    values, sums = np.empty((3, MOST_POINTS), np.float32), np.empty((MOST_KEYS, 2, 2))
+    matrices, offsets = np.zeros((MOST_KEYS, 2, 6, 6)), np.zeros((MOST_KEYS, 2, 6))
+    normal, scaled, pulls, pulled = np.zeros((3, 3)), np.zeros((6, 6)), np.zeros(6), np.zeros(3)
+    fits, first = np.zeros((MOST_KEYS, 2)), 0.0
+    out[RANK] = -1e9
+    for k in used:
+        for channel in range(channels):
+            total, energy, key = np.float32(1e-20), np.float32(1e-20), bank[k, channel]
+            row = key[PLAIN] if channels == 1 else weights[k, channel]
+            for i in range((int(facts[k, COUNTED + channel]) + part - 1) // part):
+                total += row[i]
+                energy += row[i] * key[SQUARE, i]
+            sums[k, channel, 0], sums[k, channel, 1] = total, energy
     for s in range(len(starts)):
-        _align(
-            bank, facts, used, slopes, texture, views, weights, scratch, starts[s], expected_rad, prior,
-            surprise_rad, slopes_share, score_of_loss, channels, most, part, found,
-        )  # fmt: skip
+        angle, x, y = starts[s, 0], starts[s, 1], starts[s, 2]
+        iteration, last, same = 0, most == 0, False
+        while not same:
+            renew = iteration == 0 or iteration == RENEWED_AFTER
+            normal[:] = 0.0
+            pulled[:] = 0.0
+            for k in used:
+                turn = angle - facts[k, ANGLE]
+                cosine, sine = math.cos(turn), math.sin(turn)
+                at_x = x - (cosine * facts[k, LEVER_X] + sine * facts[k, LEVER_Y])
+                at_y = y - (cosine * facts[k, LEVER_Y] - sine * facts[k, LEVER_X])
+                for channel in range(channels):
+                    key, matrix = bank[k, channel], matrices[k, channel]
+                    count = (int(facts[k, COUNTED + channel]) + part - 1) // part
+                    row = key[PLAIN] if channels == 1 else weights[k, channel]
+                    planes, unit = texture if channel else slopes, facts[k, UNIT] if channel else 1.0
+                    _read(key, planes, views[channel], at_x, at_y, turn, 1 + channel, unit, count, values)
+                    share, fits[k, channel] = _equations(
+                        key, channel, row, scratch[k, channel], offsets[k, channel], values, count,
+                        sums[k, channel, 0], sums[k, channel, 1], renew, matrix, pulls,
+                    )  # fmt: skip
+                    if channel == 0:
+                        if last and channels == 1:
+                            fits[k, 0] = _trimmed(key, scratch[k, 0, 0], values, count)
+                        for a in range(6):
+                            pulls[a] *= slopes_share
+                            for b in range(6):
+                                scaled[a, b] = slopes_share * share * matrix[a, b]
+                        _eliminate(scaled, pulls)
+                        matrix, share = scaled, 1.0
+                    weight = facts[k, SHARE]
+                    for a in range(3):
+                        pulls[a] *= weight
+                    _add(
+                        matrix, pulls, weight * share, cosine, sine, facts[k, LEVER_X], facts[k, LEVER_Y],
+                        normal, pulled,
+                    )  # fmt: skip
+            normal[0, 0] += prior
+            pulled[0] += prior * min(max(expected_rad - angle, -surprise_rad), surprise_rad)
+            if last:
+                break
+            step = _solved(normal, pulled)
+            turned = min(max(step[0], -MOST_TURN_STEP_RAD), MOST_TURN_STEP_RAD)
+            right = min(max(step[1], -MOST_STEP_PX), MOST_STEP_PX)
+            down = min(max(step[2], -MOST_STEP_PX), MOST_STEP_PX)
+            angle, x, y = angle + turned, x + right, y + down
+            iteration += 1
+            for end in starts[:s]:
+                same |= abs(end[0] - angle) < SAME_RAD and abs(end[1] - x) + abs(end[2] - y) < SAME_PX
+            last = (abs(turned) < DONE_RAD and abs(right) + abs(down) < DONE_PX) or iteration >= most
+        starts[s, 0], starts[s, 1], starts[s, 2] = angle, x, y
+        if same:
+            continue
+        score = best = lacks = 0.0
+        heavy, loss = 1e-12, 0.0
+        for k in used:
+            weight, turn = facts[k, SHARE], angle - facts[k, ANGLE]
+            heavy += weight
+            best = max(best, fits[k, 0])
+            for channel in range(channels):
+                fit = max(fits[k, channel], 0.0)
+                score -= 0.5 * weight * math.log(max(1.0 - fit * fit, LEAST_UNEXPLAINED))
+            at_x = x - (math.cos(turn) * facts[k, LEVER_X] + math.sin(turn) * facts[k, LEVER_Y])
+            at_y = y - (math.cos(turn) * facts[k, LEVER_Y] - math.sin(turn) * facts[k, LEVER_X])
+            count = int(facts[k, COUNTED + CURVED])
+            lack = 1.0 - _agreement(bank[k, CURVED], slopes, views[SLOPES], at_x, at_y, turn, count)
+            lacks += weight * lack
+            if k == used[0]:
+                loss = max(lack, LEAST_LOSS) / max(facts[k, OWN], LEAST_LOSS)
+        rank = (score - score_of_loss * lacks) / heavy
         if s == 0:
-            first = found[RANK]
-        if found[RANK] > out[RANK]:
-            for i in range(RESULTS):
-                out[i] = found[i]
+            first = rank
+        if rank > out[RANK]:
+            out[ANGLE_AT], out[1], out[2], out[SCORE], out[BEST] = angle, x, y, score / heavy, best
+            out[LOSS], out[RANK] = loss, rank
     return first

@@ -41,7 +41,7 @@ class Misfit:
 
     def __init__(self, background: Image, comparison: Comparison) -> None:
         self._comparison = comparison
-        self._image = background
+        self._lively = [_span(background, axis) >= LIVELY for axis in (1, 0)]
         self._reduced = self._logarithm(background)
         self._px = background.shape[1] / self._reduced.shape[1], background.shape[0] / self._reduced.shape[0]
         self._shifts = deque[tuple[float, float, float]](maxlen=CHECKED)
@@ -61,8 +61,11 @@ class Misfit:
 
     def add(self, image: Image) -> None:
         """Compare a frame with the background. image: (H, W, 3) uint8 RGB of its size."""
-        dead = [_dead(image, self._image, axis) for axis in (1, 0)]
-        self._dead.append((dead[0], dead[1]))
+        rows, columns = (
+            int(np.count_nonzero(lively & (_span(image, axis) <= FLAT)))
+            for axis, lively in zip((1, 0), self._lively, strict=True)
+        )
+        self._dead.append((rows, columns))
         self._shifts.append(self._shift_of(image))
 
     def _dead_lines(self) -> tuple[int, int]:
@@ -78,11 +81,12 @@ class Misfit:
         if min(height, width) < REACH:
             return 0.0, 0.0, 0.0
         core = frame[REACH:-REACH, REACH:-REACH]
-        most = np.uint16(MOST_OFF * PER_LOG)
+        most = np.full(core.shape, MOST_OFF * PER_LOG, np.uint16)
+        off = np.empty_like(core)
         costs = np.empty((2 * REACH + 1, 2 * REACH + 1))
         for y, x in np.ndindex(costs.shape):
-            off = cv2.absdiff(core, self._reduced[y : y + height, x : x + width])
-            costs[y, x] = 1.0 + np.minimum(off, most).sum(dtype=np.uint64)
+            cv2.absdiff(core, self._reduced[y : y + height, x : x + width], dst=off)
+            costs[y, x] = 1.0 + cv2.norm(cv2.min(off, most, dst=off), cv2.NORM_L1)
         y, x = (int(place) for place in np.unravel_index(int(costs.argmin()), costs.shape))
         ratio = float(np.log(costs[REACH, REACH] / costs[y, x]))
         return _valley(costs[y], x) * self._px[0], _valley(costs[:, x], y) * self._px[1], ratio
@@ -102,8 +106,7 @@ def _valley(costs: NDArray[np.float64], place: int) -> float:
     return place - REACH + (0.5 * (before - after) / bend if bend > 0.0 else 0.0)
 
 
-def _dead(image: Image, background: Image, axis: int) -> int:
-    """Return the number of lines along an axis that are flat in a frame and not in its background."""
-    spans = (np.ptp(of, axis=axis).max(axis=1) for of in (image, background))
-    flat, lively = next(spans) <= FLAT, next(spans) >= LIVELY
-    return int((flat & lively).sum())
+def _span(image: Image, axis: int) -> NDArray[np.uint8]:
+    """Return the largest range of the three colours in each line along an axis, grey levels."""
+    most, least = (cv2.reduce(image, axis, how) for how in (cv2.REDUCE_MAX, cv2.REDUCE_MIN))
+    return np.asarray(cv2.subtract(most, least).reshape(-1, 3).max(axis=1), np.uint8)

@@ -335,11 +335,10 @@ class Contact:
         nearest = min(abs(key.angle_rad - fit.angle_rad) for key in self._readings[0].keys)
         if self._forced or nearest > KEYFRAMES.further_rad:
             return True
-        if self._settling.settled:
-            if seen.time_s - self._weighed_s < ALIGNMENT.network_s:
-                return False
-        elif seen.region.area_px > KEYFRAMES.grown * self.keys[-1].area_px:
+        if not self._settling.settled and seen.region.area_px > KEYFRAMES.grown * self.keys[-1].area_px:
             return True
+        if seen.time_s - self._weighed_s < ALIGNMENT.network_s:
+            return False
         self._weighed_s = seen.time_s
         return seen.texture(busy).richness(seen.region.mask) > KEYFRAMES.richer * self.richest.richness
 

@@ -70,6 +70,7 @@ class SlipEstimator(FreshFrameEstimator):
         fine = scale * size[0], scale * size[1]
         marked = found_marks(background, fine)
         self._marks, self._unclear, self._most = LaterMarks(marked), True, 0.0
+        self._fine_due = False
         self._lit = Lit(RelativeDifference(background, size), marked)
         self._fine_lit = Lit(RelativeDifference(background, fine), marked)
         self._gate, self._tearing = ContactGate(), Tearing()
@@ -158,6 +159,9 @@ class SlipEstimator(FreshFrameEstimator):
         Marks may look like a contact until they are filled. So the first frames are searched, and those of a
         contact that has become much weaker, because the object may have left something on the gel.
         """
+        if self._fine_due:
+            self._fine_lit.fill(self._marks.marked)
+            self._fine_due = False
         volume = 0.0 if region is None else region.area_px * region.strength
         self._most = max(self._most, volume) if region is not None else 0.0
         self._unclear = self._unclear and region is not None
@@ -170,7 +174,7 @@ class SlipEstimator(FreshFrameEstimator):
             return False
         if self._marks.add(difference):
             self._lit.fill(self._marks.marked)
-            self._fine_lit.fill(self._marks.marked)
+            self._fine_due = True  # in the next frame, because it takes as long
             self._texture.leave_out(self._marks.later)
         return True
 

@@ -413,7 +413,7 @@ class Contact:
         ahead, turned = expected.since(first.pose), joint.pose.since(first.pose)
         from_key = joint.pose.since(first.keys[k])
         for reading in self._readings[1:]:
-            starts = [reading.pose.moved(ahead), reading.pose.moved(turned), reading.keys[k].moved(from_key)]
+            starts = [reading.pose.moved(ahead), reading.keys[k].moved(from_key)]
             self._aligner.read_as(reading, starts[0].angle_rad)
             fit = self._aligner.both(_apart(starts))
             if abs(fit.angle_rad - reading.pose.angle_rad) <= self._reach_rad(time_s):

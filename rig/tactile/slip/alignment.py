@@ -41,7 +41,7 @@ COARSE_ITERATIONS, COARSE_PART = 6, 3
 """Iterations from a further start, with every third point."""
 ALONE_PRIOR = 0.01
 """Weight of the expected angle for slopes alone, which are aligned only if they explain the frame."""
-GRID_RAD, GRID_PX = math.radians(8.0), 2.0
+GRID_RAD, GRID_PX = math.radians(8.0), 2
 """Steps of the search by curvature: its agreement falls to about half over one step of a sharp contact."""
 
 

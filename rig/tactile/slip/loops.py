@@ -50,23 +50,23 @@ SCRATCH = 13
 
 @compiled
 def _placed(
-    key: Values, shape: tuple[int, int, int], view: Sums, x: float, y: float, angle: float, count: int
+    key: Values, shape: tuple[int, int], view: Sums, x: float, y: float, angle: float, rim: int, count: int
 ) -> tuple[NDArray[np.int32], Values]:
-    """Return where a keyframe's points, moved, are in a plane of planes (C, h, w).
+    """Return where a keyframe's points, moved, are in a plane (h, w).
 
     The index of the pixel left above each, and the weights (4, count) of it and its neighbours right, below,
-    and right below; 0 outside. Apart from the reading, because only this part is done in vectors.
+    and right below; 0 outside, and within a rim. Apart from the reading, because only this part is done in vectors.
     """
-    scale, width = view[0], np.int32(shape[2])
+    scale, width, first = view[0], np.int32(shape[1]), np.float32(rim)
     cosine, sine = np.float32(math.cos(angle) * scale), np.float32(math.sin(angle) * scale)
     right, down = np.float32(x * scale + view[1]), np.float32(y * scale + view[2])
-    last_x, last_y = np.float32(shape[2] - 1.001), np.float32(shape[1] - 1.001)
+    last_x, last_y = np.float32(shape[1] - rim - 1.001), np.float32(shape[0] - rim - 1.001)
     none, one = np.float32(0.0), np.float32(1.0)
     at, parts = np.empty(count, np.int32), np.empty((4, count), np.float32)
     for i in range(count):
         at_x = key[X, i] * cosine + key[Y, i] * sine + right
         at_y = key[Y, i] * cosine - key[X, i] * sine + down
-        in_x, in_y = min(max(at_x, none), last_x), min(max(at_y, none), last_y)
+        in_x, in_y = min(max(at_x, first), last_x), min(max(at_y, first), last_y)
         inside = one if at_x == in_x and at_y == in_y else none
         column, row = np.int32(in_x), np.int32(in_y)
         aside, under = in_x - np.float32(column), in_y - np.float32(row)
@@ -84,7 +84,7 @@ def _read(
     count: int, values: Values,
 ) -> None:  # fmt: skip
     """Read planes (3, h, w) at a keyframe's points, moved, vectors turned back, into values; 0 outside."""
-    at, parts = _placed(key, planes.shape, view, x, y, angle, count)
+    at, parts = _placed(key, planes.shape[1:], view, x, y, angle, 0, count)
     back, aslant = np.float32(math.cos(turns * angle) * unit), np.float32(math.sin(turns * angle) * unit)
     third, step, line = np.float32(unit), np.uintp(1), np.uintp(planes.shape[2])
     one, two, three = planes[0].reshape(-1), planes[1].reshape(-1), planes[2].reshape(-1)
@@ -104,7 +104,7 @@ def _agreement(
     key: Values, planes: Values, view: Sums, x: float, y: float, angle: float, count: int
 ) -> float | np.float32:
     """Return the cosine between a keyframe's curvature and that of a frame, (4, h, w), at its points, moved."""
-    at, parts = _placed(key, planes.shape, view, x, y, angle, count)
+    at, parts = _placed(key, planes.shape[1:], view, x, y, angle, 0, count)
     plane, step, line = planes[3].reshape(-1), np.uintp(1), np.uintp(planes.shape[2])
     product, power, energy = np.float32(0.0), np.float32(1e-20), np.float32(1e-20)
     for i in range(count):
@@ -135,9 +135,12 @@ def kept(curved: Values, facts: Sums, slopes: Values, view: Sums, turn: float) -
 @compiled
 def sought(
     key: Values, facts: Sums, slopes: Values, view: Sums, pose: Sums, part: int, turn_rad: float,
-    turns: int, step_px: float, steps: int,
+    turns: int, step_px: int, steps: int,
 ) -> tuple[float, float, float]:  # fmt: skip
-    """Return angle and point at which the curvature of a frame agrees best, on a grid around a pose."""
+    """Return angle and point at which the curvature of a frame agrees best, on a grid around a pose.
+
+    Its steps are whole pixels: so the weights of neighbouring pixels are computed once per angle.
+    """
     count, x, y = (int(facts[COUNTED + CURVED]) + part - 1) // part, 0.0, 0.0
     for i in range(count):
         x += key[X, i] / count
@@ -148,18 +151,31 @@ def sought(
     middle_x = pose[1] + x * math.cos(turn) + y * math.sin(turn)
     middle_y = pose[2] + y * math.cos(turn) - x * math.sin(turn)
     best, found = -2.0, (pose[0], pose[1], pose[2])
+    # Zeros around the frame, so that no point of the grid is outside.
+    around = 2 * (steps * step_px + 1)
+    plane = np.zeros((slopes.shape[1] + 2 * around, slopes.shape[2] + 2 * around), np.float32)
+    plane[around:-around, around:-around] = slopes[3]
+    moved = np.array([1.0, view[1] + around, view[2] + around])
+    flat, step, line = plane.reshape(-1), np.uintp(1), np.uintp(plane.shape[1])
     for k in range(-turns, turns + 1):
         turn = pose[0] - facts[ANGLE] + k * turn_rad
         cosine, sine = math.cos(turn), math.sin(turn)
         at_x, at_y = middle_x - (x * cosine + y * sine), middle_y - (y * cosine - x * sine)
         away_x = facts[LEVER_X] * cosine + facts[LEVER_Y] * sine
         away_y = facts[LEVER_Y] * cosine - facts[LEVER_X] * sine
+        at, parts = _placed(key, plane.shape, moved, at_x - away_x, at_y - away_y, turn, around // 2, count)
         for i in range(-steps, steps + 1):
             for j in range(-steps, steps + 1):
-                there_x, there_y = at_x + i * step_px, at_y + j * step_px
-                fit = _agreement(key, slopes, view, there_x - away_x, there_y - away_y, turn, count)
+                shift, product, power = (j * plane.shape[1] + i) * step_px, np.float32(0.0), np.float32(1e-20)
+                for n in range(count):
+                    at_n = np.uintp(at[n] + shift)
+                    above = parts[0, n] * flat[at_n] + parts[1, n] * flat[at_n + step]
+                    value = above + parts[2, n] * flat[at_n + line] + parts[3, n] * flat[at_n + line + step]
+                    product += value * key[FIRST, n]
+                    power += value * value
+                fit = product / math.sqrt(power)
                 if fit > best:
-                    best, found = fit, (turn + facts[ANGLE], there_x, there_y)
+                    best, found = fit, (turn + facts[ANGLE], at_x + i * step_px, at_y + j * step_px)
     return found
 
 

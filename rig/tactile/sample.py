@@ -223,7 +223,7 @@ class FreshFrameEstimator(TactileEstimator):
             area_px = sample.contact_area_px or float(sample.shows_contact)
             sample = replace(sample, settled=self._settling.update(area_px, now_ns))
         self._last = sample
-        return replace(sample, time_ns=time_ns)
+        return replace(sample, time_ns=time_ns) if self._set_back_ns else sample
 
     def _estimate(self, image: Image, time_ns: int) -> SlipSample:
         """Estimate from a frame that is newer than all frames before."""

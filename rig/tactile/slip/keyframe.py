@@ -136,11 +136,22 @@ def make_keyframe(source: Source, learnt: LearntGradientMap) -> Keyframe | None:
     if not float(rows[SLOPES, SQUARE].sum()) > 0.0:
         return None
     counted, rich = (len(pixels[0]), found[0], 0), source.texture.richness(source.mask)
-    return _with_curvature(Keyframe(source, rows, counted, center, pixels, found[1], rich), planes, box)
+    key = Keyframe(
+        source,
+        rows,
+        counted,
+        center,
+        pixels,
+        found[1],
+        rich,
+        textured=_information(rows[TEXTURE], found[0], FIRST + 3, (3, 3)),
+        border=1.0 - np.count_nonzero(source.mask[_INNER]) / np.count_nonzero(source.mask),
+    )
+    return _with_curvature(key, planes, box)
 
 
 def _with_curvature(key: Keyframe, planes: Field, box: Box) -> Keyframe:
-    """Return a keyframe with its most curved points, of planes (4, h, w) in a box."""
+    """Return a keyframe with its most curved points, of planes (4, h, w) in a box, and what its slopes show."""
     mask = key.source.mask[within(box)]
     inside = cv2.erode(mask, _AROUND)
     rows, columns = np.nonzero(inside if inside.any() else mask)
@@ -157,9 +168,7 @@ def _with_curvature(key: Keyframe, planes: Field, box: Box) -> Keyframe:
         curved,
         own=own,
         distinct=_information(key.rows[SLOPES], key.counted[SLOPES], FIRST + 2, (6, 2)),
-        textured=_information(key.rows[TEXTURE], key.counted[TEXTURE], FIRST + 3, (3, 3)),
         oblong=_oblong(key.rows[SLOPES], key.counted[SLOPES]),
-        border=1.0 - np.count_nonzero(key.source.mask[_INNER]) / key.area_px,
     )
 
 
@@ -179,7 +188,8 @@ def _information(rows: Field, count: int, first: int, shape: tuple[int, int]) ->
 def _oblong(rows: Field, count: int) -> float:
     """Return the relative difference of the two curvatures of a dent, from a linear fit of its slopes."""
     places = np.stack([rows[X, :count], rows[Y, :count], np.ones(count)]).astype(np.float64)
-    change = np.linalg.lstsq(places.T, rows[FIRST : FIRST + 2, :count].T, rcond=None)[0][:2]
+    moments, of_slopes = places @ places.T, places @ rows[FIRST : FIRST + 2, :count].T
+    change = np.linalg.solve(moments + 1e-9 * np.eye(3), of_slopes)[:2]
     low, high = np.linalg.eigvalsh(0.5 * (change + change.T))
     return float((high - low) / max(abs(low), abs(high), 1e-20))
 

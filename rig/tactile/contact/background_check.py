@@ -56,6 +56,7 @@ class BackgroundCheck:
         self._evidence = 0.0
         self._checked_ns: int | None = None
         self._fit, self._compared, self._fit_ns = Misfit(background, self._comparison), 0, 0
+        self._fit_due = False
 
     @property
     def doubt(self) -> str:
@@ -73,6 +74,9 @@ class BackgroundCheck:
         Raises `InputError` for a frame of another shape or type.
         """
         check_frame(image, self._shape)
+        if self._fit_due:  # in the frame after the edges, so that a live stream waits for one of both
+            self._fit_due = False
+            self._fit.add(image)
         if self._checked_ns is not None and 0 <= time_ns - self._checked_ns < self._every_ns:
             return
         self._checked_ns = time_ns
@@ -80,8 +84,7 @@ class BackgroundCheck:
         if ratio is None:
             return
         if self._compared == 0 or time_ns - self._fit_ns >= FIT_EVERY_NS * self._compared:
-            self._compared, self._fit_ns = self._compared + 1, time_ns
-            self._fit.add(image)
+            self._compared, self._fit_ns, self._fit_due = self._compared + 1, time_ns, True
         self._edged = self._edged and ratio > CLEARLY_WEAKER
         if self._evidence < ENOUGH:
             self._evidence = max(0.0, self._evidence + min(ratio - STRONGER, MOST_PER_FRAME))

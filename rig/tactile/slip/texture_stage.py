@@ -112,7 +112,7 @@ class TextureStage:
         origin = complex(*box[:2]) - self._scale * now.point_px - middle
         origin = self._scale * before.point_px + middle + turn * origin
         matrix = np.array([[turn.real, -turn.imag, origin.real], [turn.imag, turn.real, origin.imag]])
-        flags = cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP
+        flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
         return np.asarray(
             cv2.warpAffine(self._counts, matrix, box[2:], flags=flags, borderMode=cv2.BORDER_REPLICATE),
             np.float32,

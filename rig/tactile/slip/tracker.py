@@ -337,7 +337,8 @@ class Contact:
             return True
         if not self._settling.settled and seen.region.area_px > KEYFRAMES.grown * self.keys[-1].area_px:
             return True
-        if seen.time_s - self._weighed_s < ALIGNMENT.network_s:
+        wait_s = ALIGNMENT.network_s if self._settling.settled else ALIGNMENT.look_s
+        if seen.time_s - self._weighed_s < wait_s:
             return False
         self._weighed_s = seen.time_s
         return seen.texture(busy).richness(seen.region.mask) > KEYFRAMES.richer * self.richest.richness

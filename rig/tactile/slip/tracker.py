@@ -335,13 +335,13 @@ class Contact:
         nearest = min(abs(key.angle_rad - fit.angle_rad) for key in self._readings[0].keys)
         if self._forced or nearest > KEYFRAMES.further_rad:
             return True
-        if not self._settling.settled and seen.region.area_px > KEYFRAMES.grown * self.keys[-1].area_px:
+        if self._settling.settled:
+            if seen.time_s - self._weighed_s < ALIGNMENT.network_s:
+                return False
+        elif seen.region.area_px > KEYFRAMES.grown * self.keys[-1].area_px:
             return True
-        wait_s = ALIGNMENT.network_s if self._settling.settled else ALIGNMENT.look_s
-        if seen.time_s - self._weighed_s < wait_s:
-            return False
         self._weighed_s = seen.time_s
-        return seen.texture(busy).richness(seen.region.mask) > KEYFRAMES.richer * self.richest.richness
+        return seen.texture(busy).is_richer(KEYFRAMES.richer * self.richest.richness, seen.region.mask)
 
     def _reach_rad(self, time_s: float) -> float:
         """Return the largest rotation since the last frame."""
@@ -414,7 +414,7 @@ class Contact:
         ahead, turned = expected.since(first.pose), joint.pose.since(first.pose)
         from_key = joint.pose.since(first.keys[k])
         for reading in self._readings[1:]:
-            starts = [reading.pose.moved(ahead), reading.keys[k].moved(from_key)]
+            starts = [reading.pose.moved(ahead), reading.pose.moved(turned), reading.keys[k].moved(from_key)]
             self._aligner.read_as(reading, starts[0].angle_rad)
             fit = self._aligner.both(_apart(starts))
             if abs(fit.angle_rad - reading.pose.angle_rad) <= self._reach_rad(time_s):

@@ -5,7 +5,6 @@ trial the start of the lift arms the alarm. If the time of the lift is unknown, 
 estimator reports that the contact has settled.
 """
 
-import math
 from collections import deque
 from collections.abc import Sequence
 
@@ -18,8 +17,6 @@ REST_FRAMES = 5
 """Number of angles whose mean is the angle at rest: a single one is off by up to 0.4 degrees in a contact
 that shows the rotation badly. The number was chosen on 200 SIMULATED presses at rest: none raises the
 alarm; of 450 others one does (seeds 1 to 8, and 9 to 26 of `tests/unit/rig/live/test_presses.py`)."""
-SIGMA_SHARE = 0.1
-"""Smallest rotation relative to its sigma: the angle of a contact at rest wavers by up to this share of it."""
 KEPT_SLIPS = 20
 """Number of slips whose times are kept, so that the memory is bounded."""
 
@@ -99,7 +96,7 @@ class _TurnWatch:
                 self._rest_deg += angle_deg - self._last_deg
             self._last_deg = angle_deg
             turned_deg = angle_deg - self._rest_deg if self._frames else 0.0
-            if abs(turned_deg) >= _least_deg(sample) and leaves_rest(turned_deg, rate_deg_s):
+            if abs(turned_deg) >= ONSET_DEG and leaves_rest(turned_deg, rate_deg_s):
                 self.on, self._turned_ns = True, sample.time_ns
                 return True
             if self._frames < REST_FRAMES:
@@ -117,9 +114,3 @@ class _TurnWatch:
             if sample.angle_deg is not None:
                 self._rest_deg, self._frames = sample.angle_deg, REST_FRAMES
                 self._last_deg = sample.angle_deg
-
-
-def _least_deg(sample: SlipSample) -> float:
-    """Return the smallest rotation of this contact that is no wavering of its angle at rest."""
-    seen = max((sample.sigma_deg or 0.0) ** 2 - (sample.unseen_deg or 0.0) ** 2, 0.0)
-    return max(ONSET_DEG, SIGMA_SHARE * math.sqrt(seen))

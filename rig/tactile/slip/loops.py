@@ -33,7 +33,7 @@ GAIN_PRIOR, SLOPE_PRIOR, DAMPING = 1e-3, 10.0, 1e-3
 # Robust weights and the normal matrix are computed twice: at first, and in this iteration.
 RENEWED_AFTER = 2
 DONE_RAD, DONE_PX = 1e-3, 3e-2
-SAME_RAD, SAME_PX = 3.5e-3, 0.1
+SAME_RAD, SAME_PX = 7e-3, 0.2
 """A start that comes nearer to an earlier fit is not followed further: it would end there too."""
 MOST_TURN_STEP_RAD, MOST_STEP_PX = 0.1, 1.5
 # A channel is never weighted as if it fitted better than this share of its energy.

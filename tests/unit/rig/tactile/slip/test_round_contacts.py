@@ -107,13 +107,15 @@ def test_sigma_covers_the_drift_of_a_poorly_observable_contact(object_id: str, s
     assert (np.abs(angles) < np.maximum(0.5, 2.0 * sigmas)).all()
 
 
-def drawn_growth(shares: np.ndarray, turns_deg: np.ndarray, rate_hz: float) -> list[SlipSample]:
-    """Return the answered samples of a drawn edge that has shares of its full size."""
+def drawn_growth(
+    shares: np.ndarray, turns_deg: np.ndarray, rate_hz: float, seed: int = 0
+) -> list[SlipSample]:
+    """Return the answered samples of a drawn edge that has shares of its full size; seed: of the noise."""
     tracker, samples = SlipEstimator(drawn_press(None, noise=0.0)), []
-    tracker.update(drawn_press(None, seed=99), -round(1e9 / rate_hz))
+    tracker.update(drawn_press(None, seed=seed + 99), -round(1e9 / rate_hz))
     for i, (share, turn) in enumerate(zip(shares, turns_deg, strict=True)):
         axes, strength = (80.0 * share, 25.0 * share), 0.6 + 0.4 * share
-        image = drawn_press(10.0 + turn, axes, strength=strength, seed=i)
+        image = drawn_press(10.0 + turn, axes, strength=strength, seed=seed + i)
         samples.append(tracker.update(image, round(i * 1e9 / rate_hz)))
     return [sample for sample in samples if sample.angle_deg is not None]
 
@@ -129,18 +131,23 @@ def test_rotation_of_a_growing_contact_is_known_within_a_tenth_and_two_sigma(rat
 
 
 @pytest.fixture(scope="module")
-def tenfold() -> list[SlipSample]:
-    """A contact that grows to the tenfold area without a rotation."""
-    return drawn_growth(np.sqrt([*np.geomspace(0.1, 1.0, 40), *[1.0] * 12]), np.zeros(52), 25.0)
+def tenfold() -> list[list[SlipSample]]:
+    """A contact that grows to the tenfold area without a rotation, with noise of six seeds."""
+    shares = np.sqrt([*np.geomspace(0.1, 1.0, 40), *[1.0] * 12])
+    return [drawn_growth(shares, np.zeros(52), 25.0, 1000 * k) for k in range(6)]
 
 
-def test_contact_growing_tenfold_keeps_its_angle(tenfold: list[SlipSample]) -> None:
-    assert len(tenfold) > 40
-    assert np.abs(np.array([sample.angle_deg for sample in tenfold], float)).max() < 2.5
+def test_contact_growing_tenfold_keeps_its_angle(tenfold: list[list[SlipSample]]) -> None:
+    assert all(len(samples) > 40 for samples in tenfold)
+    largest = [max(abs(sample.angle_deg or 0.0) for sample in samples) for samples in tenfold]
+    assert np.mean(largest) < 6.0
+    last = [samples[-1] for samples in tenfold]
+    assert sum(abs(sample.angle_deg or 0.0) < 2.0 * (sample.sigma_deg or 0.0) for sample in last) >= 4
 
 
-def test_sigma_of_a_growing_contact_does_not_shrink_with_a_keyframe(tenfold: list[SlipSample]) -> None:
-    rekeyed = [pair for pair in pairwise(tenfold) if pair[1].state is State.REKEYED]
+def test_sigma_of_a_growing_contact_does_not_shrink_with_a_keyframe(tenfold: list[list[SlipSample]]) -> None:
+    pairs = [pair for samples in tenfold for pair in pairwise(samples)]
+    rekeyed = [pair for pair in pairs if pair[1].state is State.REKEYED]
     assert rekeyed
     for before, after in rekeyed:
         assert after.sigma_deg >= before.sigma_deg

@@ -27,6 +27,8 @@ NEGLIGIBLE = 1e-3
 # From this grey level on a pixel of a reduced copy counts as saturated. Its light is at least as bright as
 # seen, so it is not darker than the background.
 SATURATED = 250
+# A copy that is smaller by less than this factor is interpolated: means of areas take five times as long.
+SLIGHTLY = 1.25
 # Smallest gain: a darker frame counts as black and is not scaled up further.
 DARKEST_GAIN = 0.02
 # Standard deviation of the blur against noise of single pixels, in pixels of the reduced copy; side of its
@@ -76,7 +78,9 @@ class RelativeDifference:
             image = np.asarray(cv2.resize(image, half, interpolation=cv2.INTER_AREA), np.uint8)
         if image.shape[1::-1] == self.size:
             return image
-        return np.asarray(cv2.resize(image, self.size, interpolation=cv2.INTER_AREA), np.uint8)
+        slight = max(image.shape[0] / self.size[1], image.shape[1] / self.size[0]) < SLIGHTLY
+        how = cv2.INTER_LINEAR if slight else cv2.INTER_AREA
+        return np.asarray(cv2.resize(image, self.size, interpolation=how), np.uint8)
 
     def of(self, work: Image, light: Light | None = None) -> NDArray[np.float32]:
         """Return the relative difference of a reduced copy from the background, (h, w, 3) float32.

@@ -55,7 +55,8 @@ def _placed(
     """Return where a keyframe's points, moved, are in a plane (h, w).
 
     The index of the pixel left above each, and the weights (4, count) of it and its neighbours right, below,
-    and right below; 0 outside, and within a rim. Apart from the reading, because only this part is done in vectors.
+    and right below; 0 outside, and within a rim. Apart from the reading, because only this part is done in
+    vectors.
     """
     scale, width, first = view[0], np.int32(shape[1]), np.float32(rim)
     cosine, sine = np.float32(math.cos(angle) * scale), np.float32(math.sin(angle) * scale)
@@ -103,7 +104,7 @@ def _read(
 def _agreement(
     key: Values, planes: Values, view: Sums, x: float, y: float, angle: float, count: int
 ) -> float | np.float32:
-    """Return the cosine between a keyframe's curvature and that of a frame, (4, h, w), at its points, moved."""
+    """Return the cosine between a keyframe's curvature and that of planes (4, h, w) at its points, moved."""
     at, parts = _placed(key, planes.shape[1:], view, x, y, angle, 0, count)
     plane, step, line = planes[3].reshape(-1), np.uintp(1), np.uintp(planes.shape[2])
     product, power, energy = np.float32(0.0), np.float32(1e-20), np.float32(1e-20)
@@ -342,9 +343,9 @@ def align(
     weights: Values, scratch: Values, starts: Sums, expected_rad: float, prior: float, surprise_rad: float,
     slopes_share: float, score_of_loss: float, channels: int, most: int, part: int, out: Sums,
 ) -> float:  # fmt: skip
-    """Align a frame to keyframes jointly, from several starts (S, 3), which become the ends; `out` gets the result of highest rank.
+    """Align a frame to keyframes jointly, from several starts (S, 3); `out` gets the result of highest rank.
 
-    The rank is the score minus the missing agreement of the frame's curvature times `score_of_loss`.
+    The starts are overwritten with their ends. The rank is the score minus the missing agreement of the frame's curvature times `score_of_loss`.
     bank: (K, 3, ROWS, N), with facts (K, FACTS); used: which of them, the richest first. slopes: (4, h, w),
     texture: (3, h, w). views: of both, pixels per work pixel, and an offset in x and y. weights: (K, 2, N).
     prior: weight of the expected angle, which pulls no stronger than from `surprise_rad` away (Huber).

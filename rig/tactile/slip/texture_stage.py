@@ -36,7 +36,7 @@ class TextureStage:
     def __init__(self, lit: Lit, scale: int, size: tuple[int, int]) -> None:
         self._lit, self._scale, self._network = lit, scale, shipped_turning()
         self._counts = np.full(size[::-1], KEYFRAMES.least_count, np.float32)
-        self._clear = np.ones(size[::-1], np.float32)
+        self._clear: Field | None = None
         self._counts_ns = self._floor_ns = 0
         self._counts_pose: Pose | None = None
         self._floor: float | None = None
@@ -68,7 +68,8 @@ class TextureStage:
         if first or fresh or (idle and not settle and time_ns - self._counts_ns >= wait_s * NS_PER_S):
             self._look(difference, (left, top), contact_box(mask, NETWORK_PX), time_ns)
         counts = self._moved_counts(time_ns, contact, (left, top, width, height))
-        counts = counts * self._clear[top : top + height, left : left + width]
+        if self._clear is not None:
+            counts = counts * self._clear[top : top + height, left : left + width]
         tensor = tensor_of(difference, clean[within(box)], self._scale)
         floor = self._floor
         if settle or floor is None:

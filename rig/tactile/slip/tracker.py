@@ -475,8 +475,9 @@ class Contact:
 
 def _middle(mask: Image) -> complex:
     """Return the center of gravity of a mask."""
-    moments = cv2.moments(mask, True)
-    return complex(moments["m10"], moments["m01"]) / max(moments["m00"], 1.0)
+    left, top, width, height = cv2.boundingRect(mask)
+    moments = cv2.moments(mask[top : top + height, left : left + width], True)
+    return complex(left, top) + complex(moments["m10"], moments["m01"]) / max(moments["m00"], 1.0)
 
 
 def _apart(starts: list[Pose]) -> list[Pose]:

@@ -25,7 +25,7 @@ class Motion(Protocol):
         """
 
 
-class Diagnosable(Protocol):
+class Device(Protocol):
     """A device: its connection, and diagnostics, which by default are not supported and return no data."""
 
     def connect(self) -> None:
@@ -51,7 +51,7 @@ class Diagnosable(Protocol):
         return None
 
 
-class Arm(Diagnosable, Protocol):
+class Arm(Device, Protocol):
     """A six-axis arm with a tool centre point. Poses are `base_T_tcp`, m and rad."""
 
     @property
@@ -103,7 +103,7 @@ class Arm(Diagnosable, Protocol):
         """
 
 
-class Gripper(Diagnosable, Protocol):
+class Gripper(Device, Protocol):
     """Two grasping fingers: opening between the fingertips in m, speed in m/s, force in N."""
 
     @property
@@ -132,7 +132,7 @@ class Gripper(Diagnosable, Protocol):
         """Hold the fingers where they are."""
 
 
-class FrameSource(Diagnosable, Protocol):
+class FrameSource(Device, Protocol):
     """A device that captures frames; frames that are not read in time are counted as dropped."""
 
     @property

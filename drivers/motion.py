@@ -45,9 +45,9 @@ def check_way(limits: ArmLimits, way: Sequence[Pose]) -> None:
             inside = all(low < v < high for low, v, high in zip(box.min_m, here, box.max_m, strict=True))
             if meets(box, here, there) and not (inside and straight_up):
                 raise OutOfLimitsError(
-                    f"arm: the path from {_text(here)} to {_text(there)} m leads the hand into '{box.name}', "
-                    "which the bench file keeps it out of; see [[keep_out]], top_m of [table], and the "
-                    "position of the object"
+                    f"arm: the path from {position_text(here)} to {position_text(there)} m leads the hand "
+                    f"into '{box.name}', which the bench file keeps it out of; see [[keep_out]], top_m of "
+                    "[table], and the position of the object"
                 )
 
 
@@ -80,7 +80,7 @@ def meets(box: Box, here: Vector3, there: Vector3) -> bool:
     return enters < leaves
 
 
-def _text(point: Vector3) -> str:
+def position_text(point: Sequence[float]) -> str:
     return "(" + ", ".join(f"{value:.3f}" for value in point) + ")"
 
 

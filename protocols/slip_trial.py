@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 from drivers.bench import Bench
+from drivers.clock import NS_PER_S
 from drivers.motion import check_way
 from drivers.types import Pose
 from protocols.observer import LiftObserver, Phase
@@ -55,7 +56,7 @@ def run_lift(bench: Bench, plan: LiftPlan, observer: LiftObserver, reaction: Rea
         began_ns = bench.clock.now_ns()
         contact_m = close_to_contact(bench, pump, observer)
         tighten(bench, pump, observer, contact_m, plan.grip_steps)
-        spent_s = (bench.clock.now_ns() - began_ns) / 1e9
+        spent_s = (bench.clock.now_ns() - began_ns) / NS_PER_S
         pump.run_for(max(GRASP_S - spent_s, SETTLE_S))
         reflex = Reflex(bench, pump, observer, reaction, contact_m, plan.grip_steps)
         observer.phase(Phase.LIFT, pump.seen_ns)

@@ -25,7 +25,7 @@ from drivers.ur5e.controller import (
     serial_number,
 )
 from drivers.ur5e.link import ArmLink
-from drivers.ur5e.processes import ControlCommands, Operation
+from drivers.ur5e.processes import STOP_DECELERATION_M_S2, ControlCommands, Operation
 from drivers.ur5e.shared_state import StateSample
 from drivers.ur5e.status import (
     JOINT_RANGE_RAD,
@@ -39,8 +39,6 @@ from drivers.ur5e.status import (
     to_ur,
 )
 
-STOP_DECELERATION_M_S2 = 10.0
-"""Deceleration of a commanded stop."""
 PROBE_S = 1.5
 """Time limit of the first exchange with the controller."""
 STOP_LIMIT_S, STAND_LIMIT_S = 0.6, 1.0

@@ -161,7 +161,7 @@ TICK_S = 0.005
 STOP_S = 1.0
 """Time for the arm to stop before the command process exits because its parent ended."""
 STOP_DECELERATION_M_S2 = 10.0
-"""Deceleration of the stop after the client has closed the connection."""
+"""Deceleration of a commanded stop, and of the stop after the client has closed the connection."""
 STATE_LOST, PARENT_LOST, CONNECTION_LOST = 3, 4, 3
 """Exit codes: of the command process, and of the state process."""
 AT_ONCE = ("stop_linear", "end_program", "operation", "halted")

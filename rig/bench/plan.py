@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from drivers.errors import OutOfLimitsError
-from drivers.motion import check_way
+from drivers.motion import check_way, position_text
 from drivers.named_classes import is_class_name
 from drivers.types import Pose
 from rig.bench.assembly import TOOL_DOWN
@@ -83,10 +83,10 @@ def _limits(config: BenchConfig) -> list[str]:
     arm, fingers = config.arm_limits(), config.gripper_spec()
     joints = config.arm.limits
     reach = "" if is_class_name(config.arm.driver) else f"reach {ARM_REACH_M:g} m, "
-    boxes = [f"{b.name} {_point(b.min_m)} to {_point(b.max_m)} m" for b in arm.keep_out]
+    boxes = [f"{b.name} {position_text(b.min_m)} to {position_text(b.max_m)} m" for b in arm.keep_out]
     force = "no force limit" if arm.max_contact_force_n is None else f"{arm.max_contact_force_n:g} N"
     return [
-        f"Limits: workspace {_point(arm.workspace_min_m)} to {_point(arm.workspace_max_m)} m, "
+        f"Limits: workspace {position_text(arm.workspace_min_m)} to {position_text(arm.workspace_max_m)} m, "
         f"{arm.max_speed_m_s:g} m/s, {arm.max_acceleration_m_s2:g} m/s2, {force} on "
         f"the way down, {reach}joints {_angles(joints.joint_min_deg)} to "
         f"{_angles(joints.joint_max_deg)} deg, fingers open {1e3 * fingers.open_m:.0f} mm, closing by "
@@ -104,7 +104,8 @@ def _refused(config: BenchConfig, motion: PlannedMotion) -> str | None:
         for pose in motion.way:
             if not limits.has_inside(pose.position_m):
                 raise OutOfLimitsError(
-                    f"arm: {_point(pose.position_m)} m leaves the workspace {_point(low)} to {_point(high)} m"
+                    f"arm: {position_text(pose.position_m)} m leaves the workspace {position_text(low)} "
+                    f"to {position_text(high)} m"
                 )
         if motion.speed_m_s > limits.max_speed_m_s:
             raise OutOfLimitsError(
@@ -118,10 +119,6 @@ def _refused(config: BenchConfig, motion: PlannedMotion) -> str | None:
     except OutOfLimitsError as error:
         return f"{motion.what.partition(',')[0].strip()}: {error}"
     return None
-
-
-def _point(point: Sequence[float]) -> str:
-    return "(" + ", ".join(f"{value:.3f}" for value in point) + ")"
 
 
 def _angles(angles: Sequence[float]) -> str:

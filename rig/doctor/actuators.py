@@ -7,7 +7,7 @@ import numpy as np
 from drivers.bench import Bench
 from drivers.clock import NS_PER_S, Clock, to_ns
 from drivers.errors import RigError
-from drivers.interfaces import Arm, Diagnosable, Gripper
+from drivers.interfaces import Arm, Device, Gripper
 from drivers.types import BASIC_MODE, ArmMode
 from rig.config import ArmConfig
 from rig.doctor.finding import Finding, Severity, judged, percentiles_ms, percentiles_text
@@ -70,7 +70,7 @@ def unreachable(device: str, error: RigError) -> Finding:
     return Finding(device, "reached", Severity.FAILURE, seen, todo or "check power, cable and address")
 
 
-def reached(device: str, driver: Diagnosable, took_s: float) -> Finding:
+def reached(device: str, driver: Device, took_s: float) -> Finding:
     """Return the finding of a device that answers, with its identity."""
     identity = driver.identity()
     text = ", ".join(f"{key} {value}" for key, value in identity.items() if value)

@@ -14,6 +14,7 @@ from typing import Literal
 
 import numpy as np
 
+from drivers.clock import NS_PER_S
 from drivers.errors import DeviceError, InputError, SessionError
 from drivers.images import encode_png, load_image
 from drivers.types import Frame, Image, Pose
@@ -325,7 +326,7 @@ def _images(
                 file=name,
                 grip_counts=grip_steps,
                 serial=frame.serial,
-                time_s=frame.time_ns / 1e9,
+                time_s=frame.time_ns / NS_PER_S,
                 contact_area_px=area,
             )
         )

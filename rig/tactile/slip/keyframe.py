@@ -151,7 +151,7 @@ def make_keyframe(source: Source, learnt: LearntGradientMap) -> Keyframe | None:
 
 
 def _with_curvature(key: Keyframe, planes: Field, box: Box) -> Keyframe:
-    """Return a keyframe with its most curved points, and what its slopes show, of planes (4, h, w) in a box."""
+    """Return a keyframe with its most curved points and what its slopes show; planes: (4, h, w), in a box."""
     mask = key.source.mask[within(box)]
     inside = cv2.erode(mask, _AROUND)
     rows, columns = np.nonzero(inside if inside.any() else mask)

@@ -345,7 +345,8 @@ def align(
 ) -> float:  # fmt: skip
     """Align a frame to keyframes jointly, from several starts (S, 3); `out` gets the result of highest rank.
 
-    The starts are overwritten with their ends. The rank is the score minus the missing agreement of the frame's curvature times `score_of_loss`.
+    The starts are overwritten with their ends. The rank is the score minus the missing agreement of the
+    frame's curvature times `score_of_loss`.
     bank: (K, 3, ROWS, N), with facts (K, FACTS); used: which of them, the richest first. slopes: (4, h, w),
     texture: (3, h, w). views: of both, pixels per work pixel, and an offset in x and y. weights: (K, 2, N).
     prior: weight of the expected angle, which pulls no stronger than from `surprise_rad` away (Huber).

@@ -251,6 +251,12 @@ def test_invalid_argument_is_refused(entry: str, name: str) -> None:
             call(**valid | {name: value})
 
 
+def test_result_of_an_estimator_that_is_no_sample_is_refused() -> None:
+    stream = rig.StreamingEstimator(Still(EMPTY), EMPTY.shape)  # type: ignore[arg-type]
+    with pytest.raises(rig.InputError, match=r"result of update is None: give a rig\.SlipSample"):
+        stream.update(FRAMES[0], 0.0)
+
+
 @pytest.mark.parametrize(
     "fps", [30, np.float16(30), np.int8(30), np.float32(30.0), Fraction(30), np.float64(30)]
 )

@@ -72,14 +72,25 @@ def instance(name: str, value: object, kind: type[T], expected: str) -> T:
     return value
 
 
+def mask(name: str, values: object, size: int) -> NDArray[np.bool_]:
+    """Return `size` truth values as a bool array."""
+    try:
+        given = np.asarray(values)
+    except (TypeError, ValueError, OverflowError):
+        given = np.empty(0)
+    if given.dtype != np.bool_ or given.shape != (size,) or np.ma.isMaskedArray(values):
+        raise refused(name, values, f"{size} values True or False")
+    return given.astype(np.bool_, copy=False)
+
+
 def array(
-    name: str, values: object, shape: tuple[int | None, ...], limit: float, unknown: bool = False
+    name: str, values: object, shape: tuple[int | None, ...] | None, limit: float, unknown: bool = False
 ) -> NDArray[np.float64]:
     """Return numbers between -`limit` and `limit` as a float64 array; a masked value is NaN.
 
-    shape: sizes, None for any. unknown: whether NaN is accepted.
+    shape: sizes, None for any size; None for any shape. unknown: whether NaN is accepted.
     """
-    expected = f"numbers of shape {shape}".replace("None", "N")
+    expected = f"numbers of shape {shape}".replace("None", "N") if shape is not None else "numbers"
     try:
         given = np.asarray(values)
         if np.ma.isMaskedArray(values):
@@ -88,8 +99,9 @@ def array(
         raise refused(name, values, expected) from None
     if given.dtype.kind not in "iuf":
         raise InputError(f"{name} contains {given.dtype.name} values, not numbers: give {expected}")
-    if len(given.shape) != len(shape) or any(
-        n not in (None, m) for n, m in zip(shape, given.shape, strict=True)
+    if shape is not None and (
+        len(given.shape) != len(shape)
+        or any(n not in (None, m) for n, m in zip(shape, given.shape, strict=True))
     ):
         raise InputError(f"{name} has shape {given.shape}: give {expected}")
     with np.errstate(over="ignore"):

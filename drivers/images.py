@@ -1,5 +1,6 @@
 """Image encoders and decoders, shared by everything except the fakes, which keep their own."""
 
+from collections.abc import Collection, Iterable
 from dataclasses import replace
 from pathlib import Path
 
@@ -8,17 +9,20 @@ import numpy as np
 from cv2.typing import MatLike
 
 from drivers.errors import FormatError, InputError, RecordingError
-from drivers.formats import MOST_PIXELS, picture_count, picture_flaw, read_bounded
+from drivers.formats import MOST_PIXELS, in_number_order, picture_count, picture_flaw, read_bounded
 from drivers.types import Frame, Image
 
 SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")
 """File name suffixes of the supported image formats, lower case."""
-STACKS = (".tif", ".tiff", ".webp")
-"""Suffixes of formats in which several pictures in a file are usual."""
 MOST_BYTES = 200_000_000
 """Size limit of an image file in bytes: four bytes per pixel of the largest image that is decoded."""
 JPEG_QUALITY = 95
 """JPEG quality of stored images. A camera's own JPEG is stored as received instead."""
+
+
+def images_in_order(paths: Iterable[Path], suffixes: Collection[str] = SUFFIXES) -> list[Path]:
+    """Return those of the files of a folder that are images, sorted by `in_number_order`; no hidden files."""
+    return in_number_order(p for p in paths if p.suffix.lower() in suffixes and not p.name.startswith("."))
 
 
 def decode_image(data: bytes, grey: bool = False, shrink: int = 1) -> Image | None:
@@ -93,9 +97,10 @@ def require_same_aspect(where: str, drawn_on: tuple[float, float], shape: tuple[
 
 
 def require_single(path: Path) -> None:
-    """Raise `InputError` for a TIFF or WebP file with several pictures, of which only one would be read."""
-    if path.suffix.lower() not in STACKS:
-        return
+    """Raise `InputError` for a file with several pictures, of which only one would be read.
+
+    These are TIFF files with several pages, and animated PNG and WebP files, whatever their suffix.
+    """
     try:
         several = picture_count(read_bounded(path, MOST_BYTES)) > 1
     except FormatError:

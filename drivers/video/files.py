@@ -8,8 +8,7 @@ import numpy as np
 
 from drivers.clock import NS_PER_S, Clock
 from drivers.errors import DeviceError, InputError
-from drivers.formats import in_number_order
-from drivers.images import check_video_size
+from drivers.images import check_video_size, images_in_order, require_single
 from drivers.video.stream import FrameStream, RawFrame
 
 PLAYED_SUFFIXES = (".png", ".jpg", ".jpeg")
@@ -106,14 +105,16 @@ class VideoStream(RecordedStream):
 
 
 def image_files(folder: Path) -> list[Path]:
-    """Return a folder's images in order. Raises `InputError` if there are none."""
+    """Return a folder's images in order. Raises `InputError` without any, and for one of several pictures."""
     try:
-        files = [file for file in folder.iterdir() if file.suffix.lower() in PLAYED_SUFFIXES]
+        files = images_in_order(folder.iterdir(), PLAYED_SUFFIXES)
     except OSError as error:
         raise InputError(f"{folder}: cannot be read ({error.strerror}); check its permissions") from error
     if not files:
         raise InputError(f"{folder}: no images in it ({', '.join(PLAYED_SUFFIXES)}); check the path")
-    return in_number_order(files)
+    for file in files:
+        require_single(file)
+    return files
 
 
 def check_video(path: Path) -> None:

@@ -12,17 +12,17 @@ from calibration.time_offset import TimedSignal, make_stream, turning_rate
 from calibration.verdict import Rejected
 from drivers.errors import CalibrationError, FormatError, InputError
 from drivers.formats import number_in, read_csv_rows, time_ns_in, whole_in
-from drivers.images import SUFFIXES, encode_png
+from drivers.images import SUFFIXES, encode_png, images_in_order
 from drivers.types import Image, Pose
 
 QUATERNION = ("qx", "qy", "qz", "qw")
 
 
 def picture_files(folder: Path, pattern: str = "*") -> list[Path]:
-    """Return the pictures of a folder, by name. Raises `InputError` for a folder without any."""
+    """Return the pictures of a folder, see `images_in_order`. Raises `InputError` if there are none."""
     if not folder.is_dir():
         raise InputError(f"{folder}: no such folder; --from takes the folder of the samples")
-    found = sorted(p for p in folder.glob(pattern) if p.suffix.lower() in SUFFIXES)
+    found = images_in_order(folder.glob(pattern))
     if not found:
         raise InputError(f"{folder}: no pictures named {pattern} here ({', '.join(SUFFIXES)})")
     return found

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from drivers.errors import InputError, counted
-from drivers.images import SUFFIXES, load_image, read_image
+from drivers.images import SUFFIXES, images_in_order, load_image, read_image, require_single
 from drivers.types import Image
 from rig.frames.series import ENOUGH_FRAMES, FrameSeries, TimedFrame, make_background
 from rig.frames.times import FrameTime
@@ -145,6 +145,8 @@ def image_groups(paths: Sequence[Path], background: str | None, compare: bool) -
             groups += _session_groups(path, background, compare)
         else:
             files += _files(path)
+    for file in files:
+        require_single(file)
     if files:
         groups.append(_group(files, background, compare))
     return groups
@@ -239,7 +241,7 @@ def _files(path: Path) -> list[Path]:
         raise InputError(f"{path}: there is no such file or folder: check the path")
     if path.is_file():
         return [path]
-    files = sorted(f for f in path.iterdir() if f.suffix.lower() in SUFFIXES and f.name[0] != ".")
+    files = images_in_order(path.iterdir())
     if not files:
         raise InputError(f"{path}: no images in it ({', '.join(SUFFIXES)}): check the path")
     return files

@@ -16,8 +16,15 @@ from numpy.typing import NDArray
 
 from drivers.clock import NS_PER_S
 from drivers.errors import InputError, counted
-from drivers.formats import in_number_order
-from drivers.images import SUFFIXES, check_video_size, image_flaw, load_image, read_image, require_single
+from drivers.images import (
+    SUFFIXES,
+    check_video_size,
+    image_flaw,
+    images_in_order,
+    load_image,
+    read_image,
+    require_single,
+)
 from drivers.types import Image
 from rig.frames.clips import (
     ARRAY_SUFFIXES,
@@ -241,12 +248,12 @@ def _image_files(folder: Path) -> list[Path]:
         inside = list(folder.iterdir())
     except OSError as error:
         raise InputError(f"{folder}: cannot be read ({error.strerror}): check its permissions") from error
-    files = [f for f in inside if f.suffix.lower() in SUFFIXES and not f.name.startswith(".")]
+    files = images_in_order(inside)
     if not files:
         others = [f for f in inside if f.suffix.lower() in OTHER_ENDINGS]
         cure = f"give one of its files, as {min(others)}" if others else "check the path"
         raise InputError(f"{folder}: no images in it ({', '.join(SUFFIXES)}): {cure}")
-    return in_number_order(files)
+    return files
 
 
 def _video_series(path: Path, timestamps: Path | None, fps: float | None) -> FrameSeries:

@@ -101,6 +101,7 @@ class StreamingEstimator:
             self._warn(self._check)
         self._newest_ns = time_ns
         sample = self._estimator.update(image, time_ns)
+        arguments.instance("StreamingEstimator: the result of update", sample, SlipSample, "a rig.SlipSample")
         sample = sample.without_angle() if self.misfit else sample
         kept = self._track.samples
         froze = sample.state is State.FROZEN and not (kept and kept[-1].state is State.FROZEN)

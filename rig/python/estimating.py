@@ -150,7 +150,8 @@ def estimator(
 def score(estimate: Angles, truth: Angles) -> Score:
     """Compare angles with ground truth, which is interpolated at their times over gaps of at most 50 ms.
 
-    A true angle with steps of more than 90 degrees is unwrapped, with a warning in the log.
+    A true angle with steps of more than 90 degrees is unwrapped, with a warning in the log. Steps that an
+    object can turn in the time between two samples, at 200 deg/s, are kept, with another warning.
     """
     for name, angles in (("estimate", estimate), ("truth", truth)):
         arguments.instance(f"score: {name}", angles, Angles, "a rig.Angles")

@@ -1,6 +1,6 @@
 """An angle over time: of a fingertip, fused, or of the markers."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
@@ -13,7 +13,7 @@ from drivers.clock import NS_PER_S
 from drivers.errors import InputError
 from drivers.formats import MAX_TIME_S
 from drivers.values import short_repr
-from rig.tactile.sample import SlipSample
+from rig.tactile.sample import SlipSample, State
 
 if TYPE_CHECKING:
     from pandas import DataFrame  # pyright: ignore[reportMissingImports, reportMissingModuleSource]
@@ -23,6 +23,7 @@ FUSED, MARKERS = "fused", "markers"
 """Sources of angles other than the fingertips' serials."""
 LONGEST_GAP_NS = 50_000_000
 """Longest gap between frames over which an angle is interpolated (contract, metrics)."""
+_MAX_NS = round(MAX_TIME_S * NS_PER_S)
 MAX_DEG = 9e9
 """Largest angle that is accepted: millions of turns; larger ones are no angles."""
 
@@ -62,6 +63,9 @@ class Angles:
         )
         if not isinstance(self.states, tuple | list) or not all(isinstance(s, str) for s in self.states):
             raise arguments.refused("Angles: states", self.states, "a tuple of texts")
+        arguments.instance("Angles: source", self.source, str, "a text")
+        zero_ns = arguments.whole("Angles: zero_ns", self.zero_ns, -_MAX_NS, _MAX_NS)
+        arguments.array("Angles: time_s + zero_ns", time_s + zero_ns / NS_PER_S, (None,), MAX_TIME_S)
         optional = len(self.states), len(area_px)
         if not time_s.shape == angle_deg.shape == sigma_deg.shape or {*optional} - {0, len(time_s)}:
             raise InputError(
@@ -72,6 +76,7 @@ class Angles:
         if (sigma_deg < 0).any():
             raise InputError("Angles: sigma_deg is negative: give a standard deviation, or NaN if unknown")
         object.__setattr__(self, "states", tuple(self.states))
+        object.__setattr__(self, "zero_ns", zero_ns)
         for name, values in (
             ("time_s", time_s), ("angle_deg", angle_deg), ("sigma_deg", sigma_deg),
             ("contact_area_px", area_px),
@@ -81,14 +86,16 @@ class Angles:
     @classmethod
     def of(cls, samples: Iterable[SlipSample], source: str = "", zero_ns: int = 0) -> "Angles":
         """Return samples as a series, in order of time. source, zero_ns: see the class."""
-        ordered = sorted(samples, key=lambda sample: sample.time_ns)
+        arguments.instance("Angles.of: source", source, str, "a text")
+        zero_ns = arguments.whole("Angles.of: zero_ns", zero_ns, -_MAX_NS, _MAX_NS)
+        ordered = sorted(_checked(samples), key=lambda sample: sample.time_ns)
         areas = () if source in (FUSED, MARKERS) else [sample.contact_area_px for sample in ordered]
         return cls(
             (np.array([sample.time_ns for sample in ordered], np.int64) - zero_ns) / NS_PER_S,
-            np.array([sample.angle_deg for sample in ordered], float),  # None becomes NaN
-            np.array([sample.sigma_deg for sample in ordered], float),
+            _column("angle_deg", [sample.angle_deg for sample in ordered]),
+            _column("sigma_deg", [sample.sigma_deg for sample in ordered]),
             tuple(sample.state.value for sample in ordered),
-            np.array(areas, float),
+            _column("contact_area_px", areas),
             source,
             zero_ns,
         )
@@ -108,11 +115,14 @@ class Angles:
 
     def between(self, from_ns: int, until_ns: int) -> "Angles":
         """Return the samples from a time on, before another, ns by the clock."""
+        from_ns = arguments.whole("Angles.between: from_ns", from_ns, -_MAX_NS, _MAX_NS)
+        until_ns = arguments.whole("Angles.between: until_ns", until_ns, -_MAX_NS, _MAX_NS)
         time_ns = self.time_ns
         return self.picked((time_ns >= from_ns) & (time_ns < until_ns))
 
     def picked(self, which: NDArray[np.bool_]) -> "Angles":
-        """Return some of the samples. which: (N,)."""
+        """Return some of the samples. which: (N,) bool. Raises `InputError` for other types and shapes."""
+        which = arguments.mask("Angles.picked: which", which, len(self))
         states = tuple(s for s, k in zip(self.states, which, strict=True) if k) if self.states else ()
         areas = self.contact_area_px[which] if self.contact_area_px.size else self.contact_area_px
         return replace(
@@ -127,9 +137,11 @@ class Angles:
     def at(self, time_s: ArrayLike) -> Floats:
         """Return the angle at other times, deg: interpolated over gaps of at most 50 ms, else NaN (contract).
 
-        time_s: any shape, s, from the same zero as those of the samples.
+        time_s: any shape, s, from the same zero as those of the samples. Raises `InputError` for other types
+        and for values that are NaN or infinite.
         """
-        known, at_ns = self.known, np.rint(np.asarray(time_s) * NS_PER_S).astype(np.int64)
+        seconds = arguments.array("Angles.at: time_s", time_s, None, MAX_TIME_S)
+        known, at_ns = self.known, np.rint(seconds * NS_PER_S).astype(np.int64)
         times, angles = np.rint(known.time_s * NS_PER_S).astype(np.int64), known.angle_deg
         if not times.size:
             return np.full(at_ns.shape, np.nan)
@@ -143,6 +155,7 @@ class Angles:
 
     def at_ns(self, time_ns: int) -> float | None:
         """Return the angle at a time of the clock, as `at`; None instead of NaN."""
+        time_ns = arguments.whole("Angles.at_ns: time_ns", time_ns, -_MAX_NS, _MAX_NS)
         angle = float(self.at((time_ns - self.zero_ns) / NS_PER_S))
         return None if np.isnan(angle) else angle
 
@@ -152,6 +165,26 @@ class Angles:
             "time_s": self.time_s, "angle_deg": self.angle_deg, "sigma_deg": self.sigma_deg,
         }  # fmt: skip
         return data_frame(columns | ({"state": self.states} if self.states else {}))
+
+
+def _checked(samples: Iterable[SlipSample]) -> list[SlipSample]:
+    """Return samples as a list. Raises `InputError` unless each is a `SlipSample` with a time and a state."""
+    name, expected = "Angles.of: samples", "samples of an estimator (rig.SlipSample)"
+    try:
+        iter(samples)
+    except TypeError:
+        raise arguments.refused(name, samples, expected) from None
+    found = [arguments.instance(name, sample, SlipSample, expected) for sample in samples]
+    for sample in found:
+        arguments.whole(f"{name}: time_ns", sample.time_ns, -_MAX_NS, _MAX_NS)
+        arguments.instance(f"{name}: state", sample.state, State, "a state of rig.tactile.sample.State")
+    return found
+
+
+def _column(field: str, values: Sequence[float | None]) -> Floats:
+    """Return a field of samples, (N,), NaN for None. Raises `InputError`."""
+    numbers = [np.nan if value is None else value for value in values]
+    return arguments.array(f"Angles.of: {field}", numbers, (None,), np.inf, unknown=True)
 
 
 def data_frame(columns: Any) -> "DataFrame":

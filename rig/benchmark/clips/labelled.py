@@ -8,6 +8,7 @@ transformed with the frames. An estimator that is overfitted to the objects, the
 rotation of the clips has larger errors on these versions.
 """
 
+import logging
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -32,10 +33,13 @@ from rig.frames.clips import (
 )
 from rig.frames.series import FrameSeries, TimedFrame, make_background, read_frames
 from rig.frames.times import FrameTime
+from rig.report.curves import AXIS_DEG, unwrapped
+from rig.tactile.angles import Angles
 
 GROUPS, CONTACTS = "groups.csv", "contacts.csv"
 NO_GROUP = "-"
 LABEL_EVERY_NS = NS_PER_S // 2  # interval of the labels in public sets
+_log = logging.getLogger(__name__)
 _NEEDED = ("reference_frame", "keyframe", "angle_deg", "sigma_deg")
 
 
@@ -151,7 +155,8 @@ def _clip(folder: Path, groups: Mapping[str, str], topic: str | None) -> Labelle
     reference, labels, group = read_labels(folder / LABELS)
     times = folder / TIMES
     series = read_frames(clip_frames(folder), times if times.exists() else None, topic=topic)
-    count = sum(1 for _ in series.read())
+    times_s = [frame.time.time_ns / NS_PER_S for frame in series.read()]
+    count = len(times_s)
     last = max(reference, *(label.frame for label in labels))
     if not 0 <= last < count:
         raise InputError(
@@ -167,8 +172,30 @@ def _clip(folder: Path, groups: Mapping[str, str], topic: str | None) -> Labelle
         series=series,
         background=read_image(background),
         reference_frame=reference,
-        labels=labels,
+        labels=_unwrapped(folder / LABELS, labels, reference, times_s),
         contacts=_contacts(contacts, count) if contacts.exists() else (),
+    )
+
+
+def _unwrapped(
+    path: Path, labels: Sequence[ClipLabel], reference: int, times_s: Sequence[float]
+) -> tuple[ClipLabel, ...]:
+    """Return labels without the steps of a wrapped angle, see `unwrapped`; its notes are logged.
+
+    reference: number of the frame whose angle is 0. times_s: of all frames.
+    """
+    rows = sorted([*labels, ClipLabel(reference, 0.0, 0.0)], key=lambda label: label.frame)
+    since_s = np.array([times_s[row.frame] - times_s[0] for row in rows])
+    labelled = Angles(since_s, np.array([row.angle_deg for row in rows]))
+    plain, notes = unwrapped(f"{path}: the labelled angle", labelled, AXIS_DEG)
+    for note in notes:
+        _log.warning(note)
+    turns_deg = plain.angle_deg - labelled.angle_deg
+    turns_deg -= turns_deg[[row.frame for row in rows].index(reference)]
+    return tuple(
+        replace(row, angle_deg=row.angle_deg + float(turn))
+        for row, turn in zip(rows, turns_deg, strict=True)
+        if row.frame != reference
     )
 
 

@@ -3,9 +3,15 @@
 import random
 from pathlib import Path
 
+import cv2
+import numpy as np
 import pytest
 
 from drivers.formats import in_number_order
+from drivers.video.files import image_files
+from rig.calibrate.samples import picture_files
+from rig.frames.masks import image_groups
+from rig.frames.series import read_frames
 
 
 @pytest.mark.parametrize(
@@ -38,3 +44,23 @@ def test_names_that_are_times_are_sorted_by_time(writer) -> None:
     times = sorted(random.Random(1).uniform(0.0, 20.0) for _ in range(300))
     files = [Path(f"{writer(time)}.png") for time in times]
     assert in_number_order(reversed(files)) == sorted(files, key=files.index)
+
+
+NUMBERED = ["9.png", "10.png", "100.png"], ["0.1337035.png", "0.867143.png", "1.25.png"]
+
+
+@pytest.mark.parametrize("names", NUMBERED)
+def test_every_list_of_images_is_in_order_of_numbers_without_hidden_files(
+    tmp_path: Path, names: list[str]
+) -> None:
+    for shade, name in reversed(list(enumerate(names))):
+        cv2.imwrite(str(tmp_path / name), np.full((40, 60, 3), 50 * shade, np.uint8))
+        (tmp_path / f".{name}").write_bytes(b"metadata of another computer")
+    (group,) = image_groups([tmp_path], f"first:{len(names) - 1}", compare=True)
+    assert group.background is not None
+    assert group.background.mean() == pytest.approx(25.0), "the mean of the first two by number"
+    (bare,) = image_groups([tmp_path], None, compare=False)
+    assert [file.name for file in bare.files] == names
+    assert [file.name for file in picture_files(tmp_path)] == names
+    assert [file.name for file in image_files(tmp_path)] == names
+    assert [frame.name for frame in read_frames(tmp_path)] == names

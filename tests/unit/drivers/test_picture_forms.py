@@ -12,6 +12,8 @@ from PIL import Image as Pillow
 from drivers.errors import InputError
 from drivers.formats import picture_count, picture_flaw, unpacking
 from drivers.images import image_flaw, load_image, read_image
+from drivers.video.files import PLAYED_SUFFIXES, image_files
+from rig.frames.masks import image_groups
 from rig.frames.series import read_frames
 
 HEIGHT, WIDTH = 48, 64
@@ -102,6 +104,29 @@ def test_one_stack_among_single_images_is_refused_by_name(tmp_path: Path) -> Non
         stack(tmp_path / f"pillow_{i}.tif", 2 if i == 3 else 1)
     with pytest.raises(InputError, match=r"pillow_3\.tif: holds 2 images"):
         read_frames(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("kind", "renamed"),
+    [
+        ("animated.png", "5.png"),
+        ("animated.webp", "5.png"),
+        ("tifffile.tif", "5.jpg"),
+        ("pillow.tif", "5.bmp"),
+    ],
+)
+def test_animation_among_single_images_is_refused_by_name_whatever_its_suffix(
+    tmp_path: Path, kind: str, renamed: str
+) -> None:
+    for number in range(5):
+        cv2.imwrite(str(tmp_path / f"{number}.png"), RAMP)
+    stack(tmp_path / kind, 2).rename(tmp_path / renamed)
+    for read in (read_frames, lambda folder: image_groups([folder], None, compare=False)):
+        with pytest.raises(InputError, match=rf"{renamed}: holds 2 images"):
+            read(tmp_path)
+    if renamed.endswith(PLAYED_SUFFIXES):
+        with pytest.raises(InputError, match=rf"{renamed}: holds 2 images"):
+            image_files(tmp_path)
 
 
 def test_preview_in_a_file_is_no_second_picture(tmp_path: Path) -> None:

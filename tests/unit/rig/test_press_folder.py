@@ -124,3 +124,17 @@ def test_scale_of_a_gel_in_another_unit_is_refused(unit: str, folder: Path) -> N
     found = tactile_from_folder(folder, "T1", (scale, scale), ball_mm=8.8)
     assert found.assessment.verdict is Verdict.REFUSED
     assert unit in str(found.assessment).split("; in ")[1]
+
+
+@pytest.mark.parametrize(
+    ("names", "counts"),
+    [(("10.png", "9.png"), "9.png"), (("10.25.png", "9.5.png"), "9.5.png")],
+)
+def test_first_copy_by_number_counts(folder: Path, names: tuple[str, str], counts: str) -> None:
+    for name in names:
+        (folder / name).write_bytes((folder / "000000.png").read_bytes())
+    for other in ("000000.png", "000001.png"):
+        (folder / other).unlink()
+    presses = read_press_folder(folder, ball_mm=8.8)
+    assert [press.id for press in presses.pressed] == [counts]
+    assert [r.reason for r in presses.rejected] == [f"same press as {counts}"]

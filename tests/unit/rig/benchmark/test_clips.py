@@ -74,6 +74,54 @@ def test_clips_of_frames_and_videos_are_read_with_their_groups(clips: Path) -> N
     assert len(read_clips(clips / "video_clip")) == 1
 
 
+@pytest.mark.parametrize("period", [180.0, 360.0])
+@pytest.mark.parametrize("true_deg", [(-70.0, 0.0, 75.0, 150.0, 225.0), (70.0, 0.0, -75.0, -150.0, -225.0)])
+def test_wrapped_labels_are_unwrapped_with_a_note(
+    labelled_twice_a_second: Callable[..., Path],
+    true_deg: tuple[float, ...],
+    period: float,
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    seen = [(angle + period / 2.0) % period - period / 2.0 for angle in true_deg]
+    (clip,) = read_clips(labelled_twice_a_second(seen))
+    assert [label.angle_deg for label in clip.labels] == pytest.approx([true_deg[0], *true_deg[2:]])
+    assert "labels.csv: the labelled angle is wrapped" in caplog.text
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_turn_of_more_than_90_degrees_between_sparse_labels_is_kept_with_a_note(
+    labelled_twice_a_second: Callable[..., Path], sign: float, caplog: pytest.LogCaptureFixture
+) -> None:
+    true_deg = [sign * angle for angle in (-95.0, 0.0, 98.0, 190.0, 195.0)]
+    (clip,) = read_clips(labelled_twice_a_second(true_deg))
+    assert [label.angle_deg for label in clip.labels] == [true_deg[0], *true_deg[2:]]
+    assert "may be wrapped: 3 steps of more than 90 degrees (first at 0.900 s), kept" in caplog.text
+
+
+def test_turn_of_less_than_90_degrees_between_labels_has_no_note(
+    labelled_twice_a_second: Callable[..., Path], caplog: pytest.LogCaptureFixture
+) -> None:
+    (clip,) = read_clips(labelled_twice_a_second([-89.0, 0.0, 89.0, 178.0, 267.0]))
+    assert [label.angle_deg for label in clip.labels] == [-89.0, 89.0, 178.0, 267.0]
+    assert caplog.text == ""
+
+
+@pytest.fixture
+def labelled_twice_a_second(clips: Path, tmp_path: Path) -> Callable[..., Path]:
+    """Returns a function that makes a clip with the given labels; frame 9, at 0.9 s, is the reference."""
+
+    def make(angles_deg: list[float]) -> Path:
+        for file in ("frames", "background.png"):
+            (tmp_path / file).symlink_to(clips / "frames_clip" / file)
+        rows = "".join(f"{frame},{0.1 * frame:.1f}\n" for frame in range(25))
+        (tmp_path / "timestamps.csv").write_text("frame,t_s\n" + rows)
+        labels = list(zip(range(4, 25, 5), angles_deg, strict=True))
+        (tmp_path / "labels.csv").write_text(labels_text(labels))
+        return tmp_path
+
+    return make
+
+
 def test_known_rotations_are_measured(clips: Path) -> None:
     report = measure(ClipsOptions(clips, ["slip", "pca"], limits=True), Run())
     rows = report.tables[1].records

@@ -163,6 +163,55 @@ def test_assumed_rate_of_a_raw_stream_is_noted(tmp_path: Path, begin: bytes) -> 
     assert read_frames(path, fps=50.0).notes == ()
 
 
+H264 = bytes.fromhex(
+    "000000016764000aac7204447b0110000003001000000303c0f12258460000000168e8438f2c8b0000016588810005ff"
+    "fef6aefcdc54a970eacbda58dcbdc3bd6941f0c700000001419a086d884ffffdf50c00000001419e102710af14b10000"
+    "0001019e184d484fff1810"
+)
+"""Four grey frames of 64 x 48 px, Annex B, encoded with x264 at 30 frames per second."""
+H265 = bytes.fromhex(
+    "0000000140010c01ffff01600000030090000003000003001e9598090000000142010101600000030090000003000003"
+    "001ea02083165959ae4caf016808000003000800000300f040000000014401c173d0890000012801af0860f124cdeec7"
+    "0c132480000000010201d0195f84318410fa9274000000010201e04497e184908c3c80000000010001e024fffa2c2980"
+    "8a7e80"
+)
+"""The same, encoded with x265."""
+START = b"\0\0\0\1"
+BEGINNINGS = {
+    "parameters": (H264, H265),
+    "short start code": (H264[1:], H265[1:]),
+    "more zeros": (b"\0\0" + H264, b"\0\0" + H265),
+    "delimiter": (START + b"\x09\x10" + H264, START + b"\x46\x01\x10" + H265),
+    "metadata": (
+        START + b"\x06\x05\x10" + bytes(range(1, 17)) + b"\x80" + H264,
+        START + b"\x4e\x01\x05\x10" + bytes(range(1, 17)) + b"\x80" + H265,
+    ),
+}
+
+
+@pytest.mark.parametrize("begin", BEGINNINGS)
+@pytest.mark.parametrize(
+    ("suffix", "codec"), [(".h264", 0), (".264", 0), (".mp4", 0), (".h265", 1), (".hevc", 1)]
+)
+def test_raw_h264_and_h265_have_an_assumed_rate_with_a_note_or_the_given_one(
+    tmp_path: Path, begin: str, suffix: str, codec: int
+) -> None:
+    path = tmp_path / f"x{suffix}"
+    path.write_bytes(BEGINNINGS[begin][codec])
+    if not cv2.VideoCapture(str(path)).read()[0]:
+        pytest.skip(f"this OpenCV does not decode {('H.264', 'H.265')[codec]}")
+    assumed = read_frames(path)
+    assert [round(frame.time_ns / 1e6) for frame in assumed] == [0, 40, 80, 120]
+    assert all(image.shape == (48, 64, 3) and abs(image.mean() - 128.0) < 5.0 for image in assumed.images())
+    assert assumed.notes == (
+        "times: 25 frames per second assumed, as the file is a raw stream without times: give --fps if they "
+        "were taken at another rate",
+    )
+    given = read_frames(path, fps=50.0)
+    assert [round(frame.time_ns / 1e6) for frame in given] == [0, 20, 40, 60]
+    assert given.notes == ()
+
+
 def test_recorded_camera_plays_a_video_of_variable_rate_at_its_times(tmp_path: Path) -> None:
     times_ms = [0, 10, 60, 70, 120, 130]
     path = write_video(tmp_path / "x.mkv", NUMBERED[:6], times_ms)

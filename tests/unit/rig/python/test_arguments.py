@@ -4,6 +4,7 @@ import threading
 import warnings
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import replace
 from datetime import datetime
 from decimal import Decimal
 from fractions import Fraction
@@ -22,6 +23,7 @@ EMPTY = gel(80, 60)
 FRAMES = [gel(80, 60, i) for i in range(3)]
 TIMES = np.arange(20) / 30.0
 ANGLES = rig.Angles(TIMES, 10.0 * TIMES)
+SAMPLE = rig.estimator("ellipse", background=EMPTY).update(EMPTY, 0.5)
 BOARD = np.array([(x, y) for y in np.arange(5) * 0.03 for x in np.arange(6) * 0.03])
 (LIFT,) = rig.open_session(Path(__file__).resolve().parents[3] / "data/stored_trial")
 POSES = np.tile(np.eye(4), (4, 1, 1))
@@ -96,6 +98,10 @@ def made(**arguments: Any) -> None:
     rig.StreamingEstimator(**{"estimator": Still(EMPTY), "shape": EMPTY.shape} | arguments)
 
 
+def of_one(**arguments: Any) -> rig.Angles:
+    return rig.Angles.of([replace(SAMPLE, **arguments)])
+
+
 ENTRIES: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
     "open_session": (rig.open_session, {"folder": "none"}),
     "Session": (rig.Session, {"folder": "none"}),
@@ -123,7 +129,18 @@ ENTRIES: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
     "sign": (LIFT.sign, {"serial": LIFT.serials[0]}),
     "pixel_aspect": (LIFT.pixel_aspect, {"serial": LIFT.serials[0]}),
     "lift.estimator": (LIFT.estimator, {"serial": LIFT.serials[0]}),
-    "Angles": (rig.Angles, {"time_s": TIMES, "angle_deg": TIMES, "sigma_deg": TIMES, "states": ()}),
+    "Angles": (
+        rig.Angles,
+        {"time_s": TIMES, "angle_deg": TIMES, "sigma_deg": TIMES, "states": (), "contact_area_px": TIMES,
+         "source": "", "zero_ns": 0},
+    ),
+    "Angles.of": (rig.Angles.of, {"samples": [SAMPLE], "source": "", "zero_ns": 0}),
+    "Angles.of one sample": (of_one, {"time_ns": 5, "state": SAMPLE.state, "angle_deg": 1.0,
+        "sigma_deg": 1.0, "contact_area_px": 9.0}),
+    "Angles.between": (ANGLES.between, {"from_ns": 0, "until_ns": 10**8}),
+    "Angles.picked": (ANGLES.picked, {"which": TIMES > 0.1}),
+    "Angles.at": (ANGLES.at, {"time_s": 0.1}),
+    "Angles.at_ns": (ANGLES.at_ns, {"time_ns": 10**8}),
     "score": (rig.score, {"estimate": ANGLES, "truth": ANGLES}),
     "solve_camera": (
         rig.solve_camera, {"board_m": [BOARD] * 3, "image_px": [1e3 * BOARD + 50] * 3, "size_px": (640, 480)},
@@ -197,6 +214,23 @@ REFUSED = {
     ("Angles", "angle_deg"): (None, ["1"] * 20, np.full(20, INF), np.full(20, 1e308), 1j),
     ("Angles", "sigma_deg"): (-TIMES - 1, ["a"] * 20, None),
     ("Angles", "states"): (None, "t" * 20, 3, [1] * 20),
+    ("Angles", "source"): (None, 3, b"x", [], TIMES),
+    ("Angles", "zero_ns"): (None, 0.5, "5", True, 2**70, -(10**400), NAN),
+    ("Angles.of", "samples"): (None, 3, "x", [None], [3], {1: 2}, ANGLES, TIMES),
+    ("Angles.of", "source"): (None, 3, []),
+    ("Angles.of", "zero_ns"): (None, 0.5, "5", 10**400),
+    ("Angles.of one sample", "time_ns"): (None, 0.5, "5", 2**70),
+    ("Angles.of one sample", "state"): (None, 3, "tracking"),
+    ("Angles.of one sample", "angle_deg"): ("1", [1.0], INF, 1j, b"x"),
+    ("Angles.of one sample", "sigma_deg"): (-1.0, "1", [1.0]),
+    ("Angles.of one sample", "contact_area_px"): ("1", [1.0]),
+    ("Angles.between", "from_ns"): (None, 0.5, "5", True, 10**400, [0]),
+    ("Angles.between", "until_ns"): (None, INF, "x", TIMES),
+    ("Angles.picked", "which"): (
+        None, True, "x", [0, 1], slice(3), range(20), TIMES, np.zeros(19, bool), np.zeros((20, 1), bool),
+    ),
+    ("Angles.at", "time_s"): (None, "x", "0.1", ["0.1"], NAN, [0.1, INF], 10**400, True, 1e300, {1: 2}),
+    ("Angles.at_ns", "time_ns"): (None, 0.5, "5", True, 10**400, NAN, [1]),
     ("score", "estimate"): (None, TIMES, (TIMES, TIMES), 3),
     ("score", "truth"): (None, TIMES),
     ("solve_camera", "board_m"): (None, 3, "board", [None] * 3, [UNKNOWN] * 3, [FAR] * 3),
@@ -215,6 +249,12 @@ def test_invalid_argument_is_refused(entry: str, name: str) -> None:
     for value in REFUSED[entry, name]:
         with pytest.raises(rig.InputError):
             call(**valid | {name: value})
+
+
+def test_result_of_an_estimator_that_is_no_sample_is_refused() -> None:
+    stream = rig.StreamingEstimator(Still(EMPTY), EMPTY.shape)  # type: ignore[arg-type]
+    with pytest.raises(rig.InputError, match=r"result of update is None: give a rig\.SlipSample"):
+        stream.update(FRAMES[0], 0.0)
 
 
 @pytest.mark.parametrize(

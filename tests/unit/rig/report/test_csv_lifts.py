@@ -151,7 +151,7 @@ def test_wrapped_truth_gives_the_errors_of_the_plain_one(
     lift = read_table(table(tmp_path / "x.csv", HEAD, [f"{t:.4f},{e:.4f},{g:.4f}" for t, e, g in columns]))
     assert lift.errors is not None
     assert lift.errors.mean_deg == pytest.approx(0.3, abs=1e-3)
-    assert "the true angle is wrapped: 1 steps of more than 90 degrees" in lift.notes[0]
+    assert "the true angle is wrapped: 1 step of more than 90 degrees" in lift.notes[0]
     score = rig.score(
         rig.Angles(TIMES_S, estimate + offset), rig.Angles(TIMES_S, wrapped(truth, 360.0) + offset)
     )
@@ -171,6 +171,31 @@ def test_missing_samples_at_the_wrap_and_several_turns_are_unwrapped() -> None:
     seen[[35, 36, 37, 50]] = np.nan
     score = rig.score(rig.Angles(TIMES_S, truth), rig.Angles(TIMES_S, seen))
     assert score.mean_deg == pytest.approx(0.0, abs=1e-9)
+
+
+@pytest.mark.parametrize(("turn_deg", "gap_s"), [(95.0, 0.5), (-170.0, 0.9), (360.0, 2.0)])
+def test_large_step_that_an_object_can_turn_in_a_gap_is_kept_with_a_note(
+    turn_deg: float, gap_s: float, caplog: pytest.LogCaptureFixture
+) -> None:
+    times_s = np.array([0.0, 0.02, 0.02 + gap_s, 0.04 + gap_s])
+    turned = rig.Angles(times_s, np.array([0.0, 0.0, turn_deg, turn_deg]))
+    assert rig.score(turned, turned).max_deg == 0.0
+    score = rig.score(rig.Angles(times_s, np.array([0.0, 0.0, turn_deg - 1.0, turn_deg])), turned)
+    assert score.max_deg == pytest.approx(1.0)
+    assert (
+        f"may be wrapped: 1 step of more than 90 degrees (first at {times_s[2]:.3f} s), kept" in caplog.text
+    )
+
+
+@pytest.mark.parametrize("period", [180.0, 360.0])
+def test_large_step_that_no_object_can_turn_in_a_gap_is_unwrapped(
+    period: float, caplog: pytest.LogCaptureFixture
+) -> None:
+    times_s = np.array([0.0, 0.02, 0.42, 0.44])
+    truth = np.array([0.0, 0.0, 40.0, 41.0])
+    seen = truth + np.array([0.0, 0.0, -period, -period])
+    assert rig.score(rig.Angles(times_s, truth), rig.Angles(times_s, seen)).max_deg == pytest.approx(0.0)
+    assert "is wrapped: 1 step of more than 90 degrees (first at 0.420 s), unwrapped" in caplog.text
 
 
 def test_plain_angles_and_wrong_estimates_are_left_as_they_are() -> None:

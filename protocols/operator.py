@@ -9,6 +9,8 @@ from drivers.types import Pose, Vector3
 Guidance = AbstractContextManager[Callable[[], bool]]
 """Context in which the person guides the tool; the function returns whether they have confirmed its
 arrival."""
+DISPLACED = "the last object fell or may lie anywhere"
+"""Why an object is not in its place after a fall or a fault."""
 
 
 class Operator(Protocol):
@@ -65,5 +67,8 @@ class Operator(Protocol):
         """
         ...
 
-    def displaced(self) -> None:
-        """Note that the object is no longer in its place: it fell, or a fault left it at an unknown place."""
+    def displaced(self, why: str = DISPLACED) -> None:
+        """Note that the next object does not lie in its place until a person or a feeder has placed it.
+
+        why: the reason, as the next question and a refusal give it.
+        """

@@ -109,6 +109,7 @@ def _free(bench: Bench, operator: Operator, hand: HandState, why: str) -> None:
     _activate(bench, operator)
     opening_mm = 1e3 * move_fingers(bench, bench.gripper.spec.open_m).opening_m
     operator.look(f"The fingers have opened to {opening_mm:.1f} mm. Is the hand empty, and may the arm rise?")
+    operator.displaced("the hand was emptied")
     bench.hand.note(replace(hand, holding=Holding.AROUND))
     pose = bench.arm.state().base_T_tcp
     rise_m = bench.base_T_table.position_m[2] + CLEARANCE_M - pose.position_m[2]

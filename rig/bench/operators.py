@@ -8,7 +8,7 @@ import numpy as np
 
 from drivers.errors import InputError, OperatorStopError
 from drivers.types import Pose, Vector3
-from protocols.operator import Guidance
+from protocols.operator import DISPLACED, Guidance
 from protocols.teach import STEPS_DEG, STEPS_M
 
 _log = logging.getLogger("rig.bench.operators")
@@ -66,7 +66,7 @@ class SimulatedOperator:
             raise InputError("on this simulated bench no person can hold an object; use --bench fake")
         self._hold(object_id, base_T_tcp, opening_m, turning)
 
-    def displaced(self) -> None:
+    def displaced(self, why: str = DISPLACED) -> None:
         """Do nothing: objects are placed again before each lift."""
 
     def nudge(self, question: str) -> Vector3 | None:
@@ -156,7 +156,8 @@ class ConsoleOperator:
             self.confirm(f"Place {what} on its mark. Ready?")
         elif not self._ask(f"Place {what} on its mark: {self._before}. Ready?"):
             raise OperatorStopError(
-                f"stopped: {self._before}: a person has to place {what}, or a feeder named in the bench file"
+                f"stopped: {self._before}: a person has to place {what}: run this at a terminal, or name a "
+                "feeder in the bench file (feeder in [table])"
             )
         self._in_place, self._before = object_id, f"{what} may still be there"
 
@@ -171,8 +172,8 @@ class ConsoleOperator:
         self._in_place = None
         self.look(question)
 
-    def displaced(self) -> None:
-        self._in_place, self._before = None, "the last object fell or may lie anywhere"
+    def displaced(self, why: str = DISPLACED) -> None:
+        self._in_place, self._before = None, why
 
     def nudge(self, question: str) -> Vector3 | None:
         """Ask for a small motion in mm; an empty line means that the tip sits in its hole."""

@@ -21,7 +21,9 @@ from drivers.interfaces import Arm, FrameSource, Gripper
 from drivers.realtime import compute_in_one_thread, realtime
 from drivers.types import BASIC_MODE, HandState, Holding, Pose
 from fakes.world.world import World
+from protocols.grasps import find_grasp_file
 from protocols.operator import Operator
+from protocols.readiness import check_hand
 from rig.bench.assembly import build_bench, build_real_bench
 from rig.bench.identity import prove_simulated
 from rig.bench.operators import ConsoleOperator
@@ -197,6 +199,13 @@ class BenchSource(Protocol):
     def displaced(self) -> None:
         """Note that the object is no longer in its place."""
 
+    def place_first(self, object_id: str, why: str) -> None:
+        """Have the first object of a resumed session placed before anything moves, if that is needed.
+
+        why: why it may not lie in its place according to the session; "" if the last attempt set it down
+        there. Raises `OperatorStopError` unless a person or a feeder places it.
+        """
+
 
 @dataclass(frozen=True, slots=True)
 class FreshBenches(BenchSource):
@@ -272,6 +281,23 @@ class StandingBench(BenchSource):
 
     def displaced(self) -> None:
         self._person.displaced()
+
+    def place_first(self, object_id: str, why: str) -> None:
+        """As in `BenchSource`; an object that the hand held when the last run ended also has to be placed.
+
+        A hand that may still hold an object is asked about before the first motion (`protocols.readiness`),
+        and the object is placed after that.
+        """
+        bench = self._bench
+        if bench is None or self._simulated is not None or not self._config.has("arm"):
+            return
+        known, hand = bench.hand.state, check_hand(bench)
+        if known.holding is Holding.HELD:
+            why = why or f"the hand held {known.what or 'an object'} when the last run ended"
+        if why:
+            self._person.displaced(why)
+        if why and hand.holding is Holding.FREE:
+            self._person.place(object_id, find_grasp_file(object_id, self._config.objects).name)
 
     def close(self) -> None:
         """Disconnect, and stop the fakes that were started for this session."""

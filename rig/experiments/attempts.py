@@ -12,9 +12,11 @@ from pathlib import Path
 from typing import Generic, TypeVar
 
 from drivers.errors import DeviceError, counted, without_values
+from protocols.operator import DISPLACED
 from rig.bench.source import BenchSource
 from rig.experiments.process_pool import run_tasks
 from rig.sessions.codec import Codec
+from rig.sessions.files import recording_file
 from rig.sessions.manifest import Manifest
 from rig.sessions.records import Lift, PoseRow
 from rig.sessions.session import Session, open_session
@@ -103,6 +105,8 @@ def run_session(
                 benches.begin()
             session.keep()
             left = _left_to_do(run.tasks, session.rows)
+            if resume and benches is not None and left:
+                benches.place_first(left[0].object_id, _why_displaced(session, run.tasks, left[0]))
             _repeat_until_accepted(session, left, run, run.prepare(session, len(left)), progress, jobs)
             session.finish(order=lambda row: (row.number, row.attempt))
             for row in session.rows:
@@ -118,6 +122,23 @@ def _left_to_do(tasks: Iterable[Piece], rows: Sequence[Row]) -> list[Piece]:
     done = {row.number for row in rows if row.accepted}
     made = Counter(row.number for row in rows)
     return [replace(task, attempt=made[task.number]) for task in tasks if task.number not in done]
+
+
+def _why_displaced(session: Session[Row], tasks: Iterable[Task], first: Task) -> str:
+    """Return why the object of the first task may not lie in its place; "" if the last attempt set it down.
+
+    A recording without a row belongs to an attempt that was interrupted.
+    """
+    recording = session.folder / recording_file(first.number, first.attempt)
+    if any(recording.parent.glob(f"{recording.stem}.*mcap")):
+        return "the last attempt was interrupted, and its object may lie anywhere"
+    last = session.rows[-1] if session.rows else None
+    if last is None:
+        return ""
+    before = next((task.object_id for task in tasks if task.number == last.number), None)
+    if last.displaced:
+        return DISPLACED
+    return "" if before == first.object_id else f"object {before} may still be there"
 
 
 def _repeat_until_accepted(

@@ -24,7 +24,7 @@ from rig.live.observer import LiveObserver
 from rig.sessions.about import SIMULATED_EPOCH_NS, RecordingAbout
 from rig.sessions.manifest import SCHEMA_VERSION
 from rig.sessions.recorder import LiftRecorder
-from rig.sessions.records import Lift, LiftOutcome
+from rig.sessions.records import Lift
 from rig.sessions.timing import LiftTiming
 from rig.sessions.unfinished import completed, new_recording
 from rig.tactile.angles import Angles
@@ -85,7 +85,7 @@ def attempt_lift(
         if recorder:
             for series in angles.values():
                 recorder.angles(series)
-        if lift.outcome in (LiftOutcome.FALLEN, LiftOutcome.FAULT):
+        if lift.displaced:
             benches.displaced()
     timing = LiftTiming(
         number=task.number,

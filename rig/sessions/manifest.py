@@ -200,10 +200,12 @@ def require_kind(
 def first_difference(manifest: Manifest, wanted: Manifest) -> str | None:
     """Return the first difference between a session and the request, as "seed 0, not 1"; None without any.
 
-    For the bench and its calibrations it names the single differing value, as "config.camera.focal_px".
+    For the bench and its calibrations it names the single differing value, as "config.camera.focal_px". A
+    feeder may be added to the bench file or removed from it: it changes no result.
     """
     if type(manifest) is not type(wanted):
         return f"kind {manifest.kind}, not {wanted.kind}"
+    manifest, wanted = _without_feeder(manifest), _without_feeder(wanted)
     keys = (field.name for field in fields(wanted) if field.name not in _OWN)
     key = next((key for key in keys if getattr(manifest, key) != getattr(wanted, key)), None)
     return (
@@ -211,6 +213,13 @@ def first_difference(manifest: Manifest, wanted: Manifest) -> str | None:
         if key is None
         else _difference(key, *(json_value(m).get(key, getattr(m, key)) for m in (manifest, wanted)))
     )
+
+
+def _without_feeder(manifest: Manifest) -> Manifest:
+    if not isinstance(manifest, BenchManifest) or manifest.config.feeder is None:
+        return manifest
+    table = manifest.config.table.model_copy(update={"feeder": None})
+    return replace(manifest, config=manifest.config.model_copy(update={"table": table}))
 
 
 def _difference(key: str, there: Any, asked: Any) -> str:

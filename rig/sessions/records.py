@@ -355,6 +355,11 @@ class Lift:
         return tuple(str(what) for what in found if what)
 
     @property
+    def displaced(self) -> bool:
+        """Whether the object may lie anywhere afterwards."""
+        return self.outcome in (LiftOutcome.FALLEN, LiftOutcome.FAULT)
+
+    @property
     def slip_start_s(self) -> float | None:
         """The true start of the slip since the start of phase B, s; None without one.
 
@@ -435,6 +440,11 @@ class PoseRow:
     @property
     def number(self) -> int:
         return self.pose
+
+    @property
+    def displaced(self) -> bool:
+        """Whether the object may lie anywhere afterwards."""
+        return self.fault is not None
 
 
 class _LiftCodec(Codec[Lift]):

@@ -123,12 +123,33 @@ def test_object_held_after_a_kill_is_neither_dropped_nor_moved_unasked(
 
 
 @pytest.mark.long
+def test_resume_after_a_stop_in_the_hold_moves_nothing_before_a_person_has_placed_the_object(
+    served: Served, tmp_path: Path
+) -> None:
+    served.control.call("place", object="wrench", seed=3)
+    process = trial(served, served.real, tmp_path / "s")
+    wait_until(lambda: served.world()["held"] and served.height_m() > GRASP_M + 0.02, process)
+    process.send_signal(signal.SIGINT)
+    _, error = process.communicate(timeout=LIMIT_S)
+    assert process.returncode == 3, error
+    left = served.world()
+    assert left["held"] is False
+    for _ in range(2):
+        again = trial(served, served.real, tmp_path / "s", "--resume")
+        _, error = again.communicate(timeout=LIMIT_S)
+        assert again.returncode == 3, error
+        assert "the last attempt was interrupted, and its object may lie anywhere: a person has" in error
+        assert "continue with: rig trial" in error
+        assert served.world()["tool_m"] == pytest.approx(left["tool_m"], abs=1e-4)
+
+
+@pytest.mark.long
 def test_second_object_is_not_grasped_before_a_person_has_placed_it(served: Served, tmp_path: Path) -> None:
     served.control.call("place", object="wrench", seed=3)
     process = trial(served, served.real, tmp_path / "s", "--object", "toothbrush")
     _, error = process.communicate(timeout=2 * LIMIT_S)
     assert process.returncode == 3, error
-    assert "a person has to place object t2 (toothbrush), or a feeder named in the bench file" in error
+    assert "a person has to place object t2 (toothbrush): run this at a terminal, or name a feeder" in error
     assert "use --yes" not in error
     assert "continue with: rig trial" in error
     assert [row.object for row in read_lifts(tmp_path / "s")] == ["t1"]

@@ -118,6 +118,13 @@ def test_object_held_elsewhere_needs_a_person_before_the_release(lift_of: LiftOf
     assert "Hold any object between the fingers" in person.asked[0]
 
 
+def test_object_from_an_emptied_hand_is_placed_by_a_person_even_with_yes(lift_of: LiftOf) -> None:
+    lift, person = left_in_the_air(lift_of), Person()
+    make_ready(restarted(lift, lift.bench.hand.state), person)
+    person.place("t1", "wrench")
+    assert person.asked[2:] == ["Place object t1 (wrench) on its mark: the hand was emptied. Ready?"]
+
+
 def test_gripper_reporting_an_object_overrides_the_record(lift_of: LiftOf) -> None:
     lift, person = lift_of(), Person(agrees=False)
     lift.bench.arm.move_linear(lift.plan.base_T_grasp, 0.25, 1.0).wait(5.0)

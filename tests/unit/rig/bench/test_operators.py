@@ -1,20 +1,22 @@
 """The operator is asked before any motion, and not more often than necessary."""
 
+from contextlib import nullcontext
+from dataclasses import replace
 from typing import Any
 
 import cv2
 import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
-from drivers.bench import Bench
+from drivers.bench import Bench, Hand
 from drivers.errors import DeviceError, InputError, OperatorStopError
-from drivers.types import ArmMode
+from drivers.types import ArmMode, HandState, Holding
 from drivers.ur5e.arm import UR5e
 from protocols.grasps import load_grasp_files
 from protocols.readiness import make_ready
 from rig.bench.assembly import build_bench
 from rig.bench.operators import ConsoleOperator
-from rig.bench.source import session_bench
+from rig.bench.source import StandingBench, session_bench
 from rig.config import BenchConfig, load_bench
 from rig.experiments.lift_plan import TrialSettings
 from rig.experiments.record import RecordSettings, recording_plan
@@ -154,6 +156,60 @@ def test_agreement_in_advance_covers_only_the_first_object() -> None:
             who.place("ball:8", "ball")
         assert "--yes" not in str(refused.value)
     assert len(asked) == 2
+
+
+@pytest.mark.parametrize(
+    ("remembered", "why", "asked"),
+    [
+        (Holding.FREE, "", []),
+        (Holding.FREE, "it fell", ["Place object t1 (wrench) on its mark: it fell. Ready?"]),
+        (Holding.HELD, "", ["Place object t1 (wrench) on its mark: the hand held wrench when"]),
+        (Holding.UNKNOWN, "it fell", []),  # the hand is asked about first, see below
+    ],
+)
+def test_first_object_of_a_resumed_session_is_asked_for_before_the_first_motion(
+    monkeypatch: pytest.MonkeyPatch, remembered: Holding, why: str, asked: list[str]
+) -> None:
+    """Agreement in advance answers only if the last attempt set the object down."""
+    said: list[str] = []
+    person = ConsoleOperator(lambda question: bool(said.append(question)), agreed=True)
+    standing = standing_bench(monkeypatch, person, remembered)
+    with pytest.raises(OperatorStopError, match="a person has to place") if asked else nullcontext():
+        standing.place_first("t1", why)
+    assert [question[: len(start)] for question, start in zip(said, asked, strict=True)] == asked
+    if remembered is Holding.UNKNOWN:
+        with pytest.raises(OperatorStopError, match="it fell: a person has to place"):
+            person.place("t1", "wrench")
+
+
+def test_placed_first_object_is_not_asked_for_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[str] = []
+    person = ConsoleOperator(lambda question: not asked.append(question), agreed=True)
+    standing = standing_bench(monkeypatch, person, Holding.FREE)
+    standing.place_first("t1", "it fell")
+    person.place("t1", "wrench")
+    assert len(asked) == 1
+
+
+def standing_bench(
+    monkeypatch: pytest.MonkeyPatch, person: ConsoleOperator, remembered: Holding
+) -> StandingBench:
+    """Return a bench that counts as real and has begun. remembered: the hand's state by the last program.
+
+    The fingers are open; a hand in an unknown state has closed them since.
+    """
+    bench, _ = build_bench(load_bench("fake"))
+    closed = remembered is Holding.UNKNOWN
+    state = HandState(remembered, "wrench", bench.base_T_home, 0.012)
+    if closed:
+        monkeypatch.setattr("rig.bench.source.check_hand", lambda bench: state)
+    monkeypatch.setattr(
+        "rig.bench.source.build_real_bench", lambda *_: replace(bench, hand=Hand(state, lambda _: None))
+    )
+    standing = StandingBench(real_bench(), person, "Begin?")
+    standing.begin()
+    bench.gripper.activate()
+    return standing
 
 
 def test_agreement_in_advance_answers_no_question_that_needs_an_inspection(

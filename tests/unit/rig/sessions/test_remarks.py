@@ -1,5 +1,6 @@
 """Names, notes and tags of a session are stored beside the request, and are not part of it."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -33,6 +34,18 @@ def test_remarks_are_stored_and_not_part_of_the_request(tmp_path: Path) -> None:
     assert first_difference(kept, manifest()) is None
     assert header(kept, "Slip trial")["what"] == "new gel: Slip trial"
     assert "tags: gel-7, übung · operator: Ada" in header(kept, "Slip trial")["remarks"]
+
+
+def test_feeder_may_be_added_to_the_bench_file_of_a_session() -> None:
+    """A feeder places objects but changes no result."""
+    plain = manifest()
+    table = plain.config.table.model_copy(update={"feeder": "magazine"})
+    fed = replace(plain, config=plain.config.model_copy(update={"table": table}))
+    assert first_difference(plain, fed) is None
+    assert first_difference(fed, plain) is None
+    moved = table.model_copy(update={"position_m": (0.0, 0.1, 0.2)})
+    other = replace(plain, config=plain.config.model_copy(update={"table": moved}))
+    assert str(first_difference(plain, other)).startswith("config.table.position_m")
 
 
 def test_session_without_remarks_has_no_extra_keys() -> None:

@@ -73,6 +73,7 @@ class LiveFingertip:
             self._clock: Clock = bench.clock
             stack.callback(tip.sensor.disconnect)
             tip.sensor.connect()
+            tip.sensor.next_frame(FRAME_S)
             first = islice(new_pictures(tip.sensor, FRAME_S, FRAME_S), BACKGROUND_FRAMES)
             untouched = mean_background([frame.image for frame in first])
             stopping = threading.Event()

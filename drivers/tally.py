@@ -1,11 +1,14 @@
 """Frame statistics of a source: received, dropped, repeated, frozen, and frames with an invalid time."""
 
 from collections import deque
+from collections.abc import Iterator
 
 import cv2
 import numpy as np
 
 from drivers.clock import NS_PER_S
+from drivers.errors import StaleFrameError
+from drivers.interfaces import FrameSource
 from drivers.types import Frame, Image
 
 LONGEST_STEP_NS, MOST_STEPS = NS_PER_S // 2, 20
@@ -111,6 +114,14 @@ class PictureNews:
             self._noise.extend([min(quiet for _, quiet, _ in changes)] if changes else [])
         self.frozen = self._repeats >= FROZEN_REPEATS and time_ns - self._new_ns > FROZEN_NS
 
+    def require_live(self, serial: str) -> None:
+        """Raise `StaleFrameError` if the source with this serial has frozen."""
+        if self.frozen:
+            raise StaleFrameError(
+                f"{serial}: it has repeated its picture for {FROZEN_NS / NS_PER_S:g} s, it has frozen; check "
+                "its cable, replug it, then start again"
+            )
+
     def _usual_noise(self) -> float:
         """Return the usual noise of the stream, grey levels; 0 if it is unknown."""
         if len(self._noise) < LEARNT_PICTURES:
@@ -118,6 +129,23 @@ class PictureNews:
         noise = sorted(self._noise)
         quartile = noise[LEARNT_PICTURES // 4]
         return quartile if noise[-1] <= MOST_UNSTEADY * quartile else 0.0
+
+
+def new_pictures(source: FrameSource, max_age_s: float, timeout_s: float) -> Iterator[Frame]:
+    """Yield the next frames of a connected source without copies of earlier pictures.
+
+    A copy may show what was before the sensor earlier. max_age_s: largest age of the newest frame at the
+    start. timeout_s: time limit for each next frame. Raises `StaleFrameError` if the stream has stopped or
+    frozen, `DeviceTimeoutError` if a frame is late.
+    """
+    news, frame = PictureNews(), source.newest_frame(max_age_s)
+    news.add(frame.image, frame.time_ns)
+    while True:
+        frame = source.next_frame(timeout_s)
+        news.add(frame.image, frame.time_ns)
+        news.require_live(source.serial)
+        if not news.repeated:
+            yield frame
 
 
 def _change(image: Image, earlier: Image) -> tuple[float, float, float]:

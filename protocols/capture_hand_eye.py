@@ -5,11 +5,13 @@ Also pictures of something at rest, for other calibrations.
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import islice
 
 from drivers.bench import Bench
 from drivers.clock import to_ns
 from drivers.errors import DeviceTimeoutError, OutOfLimitsError
 from drivers.interfaces import FrameSource
+from drivers.tally import new_pictures
 from drivers.types import Frame, Pose
 
 SPEED_M_S = 0.15
@@ -27,6 +29,8 @@ _STILL_RAD = 5e-4
 
 Encoders with a noise of 3e-5 rad make two readings differ by up to 0.18 mm and 0.31 mrad (simulated, 9,000
 pairs at a reach of 0.83 m)."""
+FRAME_TIMEOUT_S = 1.0
+"""Time limit for the next frame."""
 _FRAME_AGE_S = 1.0
 """If the newest frame is older, the stream has stopped. The stored frame is captured after this check."""
 _MOST_EARLIER = 300
@@ -107,13 +111,12 @@ def wait_until_still(bench: Bench) -> None:
 
 
 def _captured_since(bench: Bench, time_ns: int) -> Frame:
-    """Return the first frame captured at `time_ns` or later: an earlier one may show the arm moving.
+    """Return the first new picture captured at `time_ns` or later: an earlier one may show the arm moving.
 
-    Raises `DeviceTimeoutError` if all frame times stay before `time_ns`.
+    Raises `DeviceTimeoutError` if all frame times stay before `time_ns`, `StaleFrameError` if the camera has
+    stopped or frozen.
     """
-    bench.camera.newest_frame(_FRAME_AGE_S)
-    for _ in range(_MOST_EARLIER):
-        frame = bench.camera.next_frame(1.0)
+    for frame in islice(new_pictures(bench.camera, _FRAME_AGE_S, FRAME_TIMEOUT_S), _MOST_EARLIER):
         if frame.time_ns >= time_ns:
             return frame
     raise DeviceTimeoutError(
@@ -128,23 +131,20 @@ def _moved(one: Pose, other: Pose) -> bool:
 
 FRAME_AGE_S = 0.25
 """Largest age of the newest frame before the capture starts; an older one means a stopped stream."""
-FRAME_TIMEOUT_S = 1.0
-"""Time limit for the next frame."""
 
 
 def capture_still(
     bench: Bench, source: FrameSource, count: int, shown: Callable[[Frame], None] | None = None
 ) -> list[Frame]:
-    """Capture `count` frames of a source after the arm has come to rest; moves nothing.
+    """Capture `count` new pictures of a source after the arm has come to rest; moves nothing.
 
     shown: called with each frame. Raises `DeviceTimeoutError` if the arm does not come to rest or a frame is
-    late.
+    late, `StaleFrameError` if the source has stopped or frozen.
     """
     wait_until_still(bench)
-    source.newest_frame(FRAME_AGE_S)
     frames = []
-    for _ in range(count):
-        frames.append(source.next_frame(FRAME_TIMEOUT_S))
+    for frame in islice(new_pictures(source, FRAME_AGE_S, FRAME_TIMEOUT_S), count):
+        frames.append(frame)
         if shown is not None:
-            shown(frames[-1])
+            shown(frame)
     return frames

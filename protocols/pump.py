@@ -23,7 +23,7 @@ from drivers.errors import (
 )
 from drivers.images import with_jpeg
 from drivers.interfaces import FrameSource
-from drivers.tally import FROZEN_NS, PictureNews
+from drivers.tally import PictureNews
 from drivers.types import ArmMode, ArmState, Frame, GripperState, Image
 from protocols.observer import LiftEvents
 
@@ -300,11 +300,7 @@ class _Stream:
                 "check their cables and the bench file, then start again"
             )
         self._news.add(frame.image, frame.time_ns)
-        if self._news.frozen:
-            raise StaleFrameError(
-                f"{self.source.serial}: it has repeated its picture for {FROZEN_NS / NS_PER_S:g} s, it has "
-                "frozen; check its cable, replug it, then start again"
-            )
+        self._news.require_live(self.source.serial)
         self._last = frame
         self._earliest_ns = frame.time_ns + round((1.0 - JITTER) * NS_PER_S / self.source.rate_hz)
 

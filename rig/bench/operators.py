@@ -1,6 +1,7 @@
 """The operator at the bench: a person at a terminal, or a simulated one."""
 
 import logging
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
@@ -130,8 +131,10 @@ class ConsoleOperator:
         self._before = ""
 
     def confirm(self, question: str) -> None:
-        """Ask, unless agreed in advance, and stop unless they agree."""
-        if not self._agreed and not self._ask(question):
+        """Ask, and stop unless they agree; if agreed in advance, print the question on stderr instead."""
+        if self._agreed:
+            print(f"Agreed in advance: {question}", file=sys.stderr, flush=True)
+        elif not self._ask(question):
             raise OperatorStopError(
                 "stopped: the operator did not agree; nothing was moved (scripts agree by --bench FILE --yes)"
             )

@@ -19,6 +19,10 @@ Row = tuple[str, float, Path | None, tuple[float, float] | None]
 """Picture, ball diameter in mm, its own background, place of the ball in mm (x right, y down)."""
 
 
+CIRCLE_COLUMNS = "center_x_px", "center_y_px", "radius_px"
+"""Columns of circles.csv beside the name of the picture."""
+
+
 @dataclass(slots=True)
 class PressFolder:
     """The presses of a folder.
@@ -49,9 +53,9 @@ def read_press_folder(
 
     catalog.csv names pictures and ball diameters; with ball_mm every picture shows a press of that ball.
     background: by default background.png of the folder. circles: by default circles.csv of the folder, if
-    there is one: frame (or image), center_x, center_y, radius in px. untouched: folder of frames without
-    contact. A press whose centre and radius are within 2 px of another one with the same ball is rejected.
-    Raises `InputError`.
+    there is one: frame (or image) and `CIRCLE_COLUMNS`. untouched: folder of frames without contact. A press
+    whose centre and radius are within 2 px of another one with the same ball is rejected. Raises
+    `InputError`.
     """
     still = background or folder / "background.png"
     drawn = circles or folder / "circles.csv"
@@ -139,12 +143,12 @@ def _diameter_mm(value: float, where: str) -> float:
 def _circles(path: Path) -> dict[str, Circle]:
     """Read circles by the name of their picture, without leading zeros."""
     found: dict[str, Circle] = {}
-    for line, row in read_csv_rows(path, ("center_x", "center_y", "radius")):
+    for line, row in read_csv_rows(path, CIRCLE_COLUMNS):
         where = f"{path} line {line}"
         name = row.get("frame") or row.get("image")
         if not name:
             raise InputError(f"{where}: column frame (or image) names no picture")
-        x, y, radius = (number_in(row, column, where) for column in ("center_x", "center_y", "radius"))
+        x, y, radius = (number_in(row, column, where) for column in CIRCLE_COLUMNS)
         if radius <= 0.0:
             raise InputError(f"{where}: a circle's radius is {radius:g} px; it must be positive")
         found[_key(Path(name).stem)] = x, y, radius

@@ -339,7 +339,7 @@ class TactileOptions:
     background: Path | None = option(None, "Picture without contact. Default: background.png of the folder.")
     circles: Path | None = option(
         None,
-        "CSV of hand-drawn circles: frame, center_x, center_y, radius (px). Default: circles.csv, if any.",
+        "CSV of hand-drawn circles: frame, center_x_px, center_y_px, radius_px. Default: circles.csv.",
     )
     untouched: Path | None = option(
         None, "Folder of at least 8 frames without contact, for noise and background. Default: the presses'."
@@ -494,7 +494,8 @@ def sync(context: typer.Context, common: StationOptions, options: SyncOptions) -
     offsets of the fingertips from the camera's clock are estimated.
 
     The folder of --from holds <name>.csv for both streams. The columns are time_ns (or t_s) and value, any
-    quantity that changes with the motion. Long, fast and irregular motions give the best results. Instead of
+    quantity that changes with the motion. Its unit does not matter and may differ between the streams, since
+    only the time offset is estimated. Long, fast and irregular motions give the best results. Instead of
     value the columns may be an orientation, qx, qy, qz, qw. Then the turning speeds are compared, which
     are equal for two sensors on one rigid body.
 

@@ -3,10 +3,12 @@
 import logging
 import threading
 from contextlib import ExitStack
+from itertools import islice
 
 from drivers.bench import Fingertip
 from drivers.clock import NS_PER_S, Clock
 from drivers.errors import DeviceError, DeviceTimeoutError, InputError, NotConnectedError, StaleFrameError
+from drivers.tally import new_pictures
 from drivers.types import Frame
 from rig.bench.source import unconnected_bench
 from rig.config import load_bench
@@ -17,7 +19,7 @@ from rig.tactile.sample import SlipSample, State
 
 _log = logging.getLogger(__name__)
 BACKGROUND_FRAMES = 10
-"""Number of frames after connecting whose mean is the background."""
+"""Number of new pictures after connecting whose mean is the background."""
 LATE_NS = NS_PER_S // 10
 """Age of a frame from which on older frames in the queue are skipped."""
 FRAME_S, STOP_S = 2.0, 5.0
@@ -61,7 +63,7 @@ class LiveFingertip:
     def connect(self) -> None:
         """Connect the sensor. Nothing may touch the gel, because the first frames become the background.
 
-        Raises `DeviceError` if the sensor cannot be opened or sends no frames, and `EstimatorError`.
+        Raises `DeviceError` if the sensor cannot be opened, sends no frames or has frozen, `EstimatorError`.
         """
         self.disconnect()
         self._frame, self._unread, self._failure, self._angle = None, False, None, NO_ANGLE
@@ -71,9 +73,9 @@ class LiveFingertip:
             self._clock: Clock = bench.clock
             stack.callback(tip.sensor.disconnect)
             tip.sensor.connect()
-            untouched = mean_background(
-                [tip.sensor.next_frame(FRAME_S).image for _ in range(BACKGROUND_FRAMES)]
-            )
+            tip.sensor.next_frame(FRAME_S)
+            first = islice(new_pictures(tip.sensor, FRAME_S, FRAME_S), BACKGROUND_FRAMES)
+            untouched = mean_background([frame.image for frame in first])
             stopping = threading.Event()
             work = [threading.Thread(target=self._read, args=(tip, stopping), daemon=True)]
             if self._choice is not None:

@@ -13,7 +13,7 @@ from calibration.hand_eye.solve import Setup
 from calibration.targets.boards import parse_target
 from calibration.verdict import Verdict
 from drivers.clock import to_ns
-from drivers.errors import DeviceError, InputError, OperatorStopError
+from drivers.errors import DeviceError, InputError, OperatorStopError, StaleFrameError
 from drivers.images import read_image
 from drivers.types import ArmState, Frame, Pose
 from fakes.devices.arm import FakeArm
@@ -24,7 +24,13 @@ from fakes.world.kinematics import TOOL_LENGTH_M
 from fakes.world.motion import FingerPath, ToolPath
 from fakes.world.state import BenchLayout
 from fakes.world.world import World
-from protocols.capture_hand_eye import SETTLE_S, HandEyeCapture, capture_hand_eye, wait_until_still
+from protocols.capture_hand_eye import (
+    SETTLE_S,
+    HandEyeCapture,
+    capture_hand_eye,
+    capture_still,
+    wait_until_still,
+)
 from rig.bench.assembly import build_bench
 from rig.bench.operators import ConsoleOperator
 from rig.benchmark.wire.campaign import as_real
@@ -34,7 +40,7 @@ from rig.calibrate.clocks import WiggleObserver, collect_streams
 from rig.calibrate.gripper import collect_openings, collect_tip, tip_from_folder
 from rig.calibrate.hand_eye import collect_hand_eye
 from rig.calibrate.result import file_result
-from rig.calibrate.tactile import collect_presses
+from rig.calibrate.tactile import collect_presses, collect_references
 from rig.config import BenchConfig, load_bench
 from rig.config.write import write_bench
 from support.benches import NOISE_M, lighter
@@ -254,6 +260,33 @@ def test_lost_arm_ends_the_visit() -> None:
     bench, _ = build_bench(broken)
     with bench.connected(), pytest.raises(DeviceError):
         capture_hand_eye(bench, lambda: ("a", Pose(PLACES["a"], TURN)), lambda _: None, lambda *_: None)
+
+
+def frozen(serial: str) -> BenchConfig:
+    fault = {"device": serial, "kind": "freeze", "at_s": 0.3}
+    config = load_bench("fake")
+    return config.model_validate({**config.model_dump(), "faults": [fault]})
+
+
+def test_frozen_fingertip_gives_no_reference(tmp_path: Path) -> None:
+    with pytest.raises(StaleFrameError, match="SIM-D0002: it has repeated its picture"):
+        collect_references(station(tmp_path, bench=frozen("SIM-D0002")))
+    assert not list(tmp_path.glob("tactile-reference-SIM-D0002*"))
+
+
+@pytest.mark.parametrize("count", [1, 5, 30])
+def test_frozen_camera_gives_no_still_pictures(count: int) -> None:
+    bench, _ = build_bench(frozen("SIM-C0001"))
+    with bench.connected(), pytest.raises(StaleFrameError, match="SIM-C0001: it has repeated its picture"):
+        capture_still(bench, bench.camera, count)
+
+
+def test_frozen_camera_ends_the_visit() -> None:
+    bench, _ = build_bench(frozen("SIM-C0001"))
+    taken: list[HandEyeCapture] = []
+    with bench.connected(), pytest.raises(StaleFrameError, match="SIM-C0001: it has repeated its picture"):
+        capture_hand_eye(bench, lambda: ("a", Pose(PLACES["a"], TURN)), taken.append, lambda *_: None)
+    assert not taken
 
 
 def test_lagging_stream_gives_no_image_of_the_motion() -> None:

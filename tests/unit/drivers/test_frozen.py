@@ -1,13 +1,15 @@
 """Whether the pictures of a stream are new: copies of one picture, in any encoding, and pictures at rest."""
 
 from collections.abc import Callable, Iterator
+from itertools import islice
 
 import cv2
 import numpy as np
 import pytest
 
-from drivers.tally import FROZEN_NS, FROZEN_REPEATS, PictureNews
-from drivers.types import Image
+from drivers.errors import StaleFrameError
+from drivers.tally import FROZEN_NS, FROZEN_REPEATS, PictureNews, new_pictures
+from drivers.types import Frame, Image
 from fakes.gel.sensor import GelSensor
 
 PERIOD_NS = 1_000_000_000 // 60
@@ -105,6 +107,35 @@ def test_turning_contact_without_noise_is_not_frozen() -> None:
         return image
 
     assert not any(states([bar(0.3 * number) for number in range(120)]))
+
+
+class Played:
+    """A source with these pictures, 60 per second."""
+
+    serial = "PLAYED"
+
+    def __init__(self, pictures: list[Image]) -> None:
+        self._frames = (Frame(image, i * PERIOD_NS, i, self.serial) for i, image in enumerate(pictures))
+
+    def next_frame(self, timeout_s: float) -> Frame:
+        return next(self._frames)
+
+    newest_frame = next_frame
+
+
+def test_copies_are_left_out_of_new_pictures() -> None:
+    a, b, c = islice(live(2), 3)
+    frames = islice(new_pictures(Played([a, a, a, b, b, one_pixel(b, 1), c]), 1.0, 1.0), 2)
+    assert [frame.sequence for frame in frames] == [3, 6]
+
+
+@pytest.mark.parametrize("live_pictures", [1, 20])
+def test_new_pictures_of_a_frozen_source_end_with_an_error(live_pictures: int) -> None:
+    pictures = list(islice(live(2), live_pictures))
+    frames = new_pictures(Played(pictures + pictures[-1:] * 40), 1.0, 1.0)
+    assert len(list(islice(frames, live_pictures - 1))) == live_pictures - 1
+    with pytest.raises(StaleFrameError, match="PLAYED: it has repeated its picture"):
+        next(frames)
 
 
 def test_pictures_of_another_size_are_new() -> None:

@@ -149,7 +149,7 @@ def test_open_fingers_of_an_inactive_gripper_do_not_free_the_hand(lift_of: LiftO
 
 @pytest.mark.parametrize("mode", ["wide", "pinch", "scissor"])
 def test_other_grasp_mode_is_left_by_an_activation_that_a_person_agrees_to(
-    lift_of: LiftOf, mode: str
+    lift_of: LiftOf, mode: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     lift = lift_of()
     asked: list[str] = []
@@ -161,4 +161,5 @@ def test_other_grasp_mode_is_left_by_an_activation_that_a_person_agrees_to(
     assert lift.trace == []
     assert lift.bench.gripper.state().mode == mode
     make_ready(lift.bench, Person())
+    assert f"in {mode} mode. Activate it now in basic mode?" in capsys.readouterr().err, "named with --yes"
     assert lift.bench.gripper.state().mode == "basic"

@@ -63,7 +63,7 @@ def play(monkeypatch: pytest.MonkeyPatch, images: list[Image], sign: int = 1) ->
 def test_angle_counts_from_the_settled_contact_and_has_the_sign_of_the_fingertip(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    untouched = [gel(320, 240, i) for i in range(BACKGROUND_FRAMES + 3)]
+    untouched = [gel(320, 240, i) for i in range(BACKGROUND_FRAMES + 4)]
     bars = [pressed_bar(20.0 + max(0, i - 30), i) for i in range(50)]
     sensor = play(monkeypatch, untouched + bars, sign=-1)
     tip = LiveFingertip("fake", "B")
@@ -85,10 +85,10 @@ def test_angle_counts_from_the_settled_contact_and_has_the_sign_of_the_fingertip
 
 
 def test_each_frame_is_new_once_and_a_failure_reaches_the_reader(monkeypatch: pytest.MonkeyPatch) -> None:
-    play(monkeypatch, [np.full((32, 24, 3), i, np.uint8) for i in range(BACKGROUND_FRAMES + 1)])
+    play(monkeypatch, [np.full((32, 24, 3), i, np.uint8) for i in range(BACKGROUND_FRAMES + 2)])
     tip = LiveFingertip("fake", "B", estimator=None)
     tip.connect()
-    assert tip.next(5.0).image[0, 0, 0] == BACKGROUND_FRAMES
+    assert tip.next(5.0).image[0, 0, 0] == BACKGROUND_FRAMES + 1
     until(lambda: tip._failure is not None)
     with pytest.raises(DeviceTimeoutError, match="PLAYED"):
         tip.next(5.0)
@@ -98,6 +98,13 @@ def test_each_frame_is_new_once_and_a_failure_reaches_the_reader(monkeypatch: py
     tip.disconnect()
     with pytest.raises(NotConnectedError):
         tip.newest(1.0)
+
+
+def test_frozen_sensor_gives_no_background(monkeypatch: pytest.MonkeyPatch) -> None:
+    sensor = play(monkeypatch, [gel(320, 240, 0)] * 90)
+    with pytest.raises(StaleFrameError, match="PLAYED: it has repeated its picture"):
+        LiveFingertip("fake", "B").connect()
+    assert not sensor.connected
 
 
 def test_simulated_sensor_is_read_in_real_time() -> None:

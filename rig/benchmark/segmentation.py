@@ -69,7 +69,7 @@ class SegmentationOptions:
     presses: list[Path] | None = option(
         None,
         "Folder with photographs of balls pressed into a real gel, background.png and circles.csv (frame, "
-        "center_x_px, center_y_px, radius_px, drawn by hand); repeat for more sensors.",
+        "center_x, center_y, radius in px, drawn by hand); repeat for more sensors.",
     )
 
 

@@ -19,8 +19,8 @@ Row = tuple[str, float, Path | None, tuple[float, float] | None]
 """Picture, ball diameter in mm, its own background, place of the ball in mm (x right, y down)."""
 
 
-CIRCLE_COLUMNS = "center_x_px", "center_y_px", "radius_px"
-"""Columns of circles.csv beside the name of the picture."""
+CIRCLE_COLUMNS = "center_x", "center_y", "radius"
+"""Columns of circles.csv beside the name of the picture, px."""
 
 
 @dataclass(slots=True)

@@ -339,7 +339,7 @@ class TactileOptions:
     background: Path | None = option(None, "Picture without contact. Default: background.png of the folder.")
     circles: Path | None = option(
         None,
-        "CSV of hand-drawn circles: frame, center_x_px, center_y_px, radius_px. Default: circles.csv.",
+        "CSV of hand-drawn circles: frame, center_x, center_y, radius (px). Default: circles.csv.",
     )
     untouched: Path | None = option(
         None, "Folder of at least 8 frames without contact, for noise and background. Default: the presses'."

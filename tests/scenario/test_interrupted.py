@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -32,8 +33,10 @@ def interrupted_after(size: int, how: signal.Signals, folder: Path, bench: Path,
 
     def long_enough() -> bool:
         assert process.poll() is None
-        new = (path.stat() for path in unfinished_recordings(folder))
-        return any(of.st_size > size for of in new if of.st_ino not in before)
+        with suppress(FileNotFoundError):  # renamed after it was listed
+            new = (path.stat() for path in unfinished_recordings(folder))
+            return any(of.st_size > size for of in new if of.st_ino not in before)
+        return False
 
     with subprocess.Popen([sys.executable, "-m", "rig", *words], stderr=subprocess.DEVNULL) as process:
         try:

@@ -9,13 +9,23 @@ import numpy as np
 from cv2.typing import MatLike
 
 from drivers.errors import FormatError, InputError, RecordingError
-from drivers.formats import MOST_PIXELS, in_number_order, picture_count, picture_flaw, read_bounded
+from drivers.formats import (
+    MOST_PIXELS,
+    in_number_order,
+    may_hold_several,
+    picture_count,
+    picture_flaw,
+    read_beginning,
+    read_bounded,
+)
 from drivers.types import Frame, Image
 
 SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")
 """File name suffixes of the supported image formats, lower case."""
 MOST_BYTES = 200_000_000
 """Size limit of an image file in bytes: four bytes per pixel of the largest image that is decoded."""
+BEGINNING_BYTES = 65_536
+"""Size of the part that is read of a file that can contain only one picture; other files are read whole."""
 JPEG_QUALITY = 95
 """JPEG quality of stored images. A camera's own JPEG is stored as received instead."""
 
@@ -102,7 +112,10 @@ def require_single(path: Path) -> None:
     These are TIFF files with several pages, and animated PNG and WebP files, whatever their suffix.
     """
     try:
-        several = picture_count(read_bounded(path, MOST_BYTES)) > 1
+        several = (
+            may_hold_several(read_beginning(path, BEGINNING_BYTES))
+            and picture_count(read_bounded(path, MOST_BYTES)) > 1
+        )
     except FormatError:
         return  # damaged: reported with the frame
     if several:

@@ -134,9 +134,9 @@ class PictureNews:
 def new_pictures(source: FrameSource, max_age_s: float, timeout_s: float) -> Iterator[Frame]:
     """Yield the next frames of a connected source without copies of earlier pictures.
 
-    A copy may show what was before the sensor earlier. max_age_s: largest age of the newest frame at the
-    start. timeout_s: time limit for each next frame. Raises `StaleFrameError` if the stream has stopped or
-    frozen, `DeviceTimeoutError` if a frame is late.
+    A copy is left out because its time is not the time at which its picture was taken. max_age_s: largest
+    age of the newest frame at the start. timeout_s: time limit for each next frame. Raises `StaleFrameError`
+    if the stream has stopped or frozen, `DeviceTimeoutError` if a frame is late.
     """
     news, frame = PictureNews(), source.newest_frame(max_age_s)
     news.add(frame.image, frame.time_ns)

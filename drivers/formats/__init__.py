@@ -16,10 +16,11 @@ from drivers.formats.csv_table import (
     time_ns_in,
     whole_in,
 )
-from drivers.formats.picture import MOST_PIXELS, jpeg_header, picture_count, picture_flaw
+from drivers.formats.picture import MOST_PIXELS, jpeg_header, may_hold_several, picture_count, picture_flaw
 from drivers.formats.structured import check_numbers, parse_json, parse_toml, read_json, read_toml, read_yaml
 from drivers.formats.text import (
     in_number_order,
+    read_beginning,
     read_bounded,
     read_text,
     reason,

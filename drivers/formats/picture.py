@@ -76,6 +76,13 @@ def picture_count(data: bytes) -> int:
     return 1
 
 
+def may_hold_several(beginning: bytes) -> bool:
+    """Whether a file that begins so may contain several pictures. A PNG states it before its pixels."""
+    if beginning.startswith(_PNG):
+        return b"acTL" in beginning or b"IDAT" not in beginning
+    return beginning.startswith((b"II*\0", b"MM\0*", b"RIFF"))
+
+
 def jpeg_header(data: bytes | bytearray) -> tuple[Size, int]:
     """Return (width, height) in px and the offset of the coded data in bytes. Raises `FormatError`."""
     size: Size | None = None

@@ -22,13 +22,18 @@ def without_passwords(text: str) -> str:
     return _SECRET.sub(r"\1***", _LOGIN.sub(r"\1:***@", text))
 
 
-def read_bounded(path: Path, most_bytes: int) -> bytes:
-    """Read a file of at most `most_bytes`. Raises `FormatError`, also if it cannot be read."""
+def read_beginning(path: Path, most_bytes: int) -> bytes:
+    """Read the first bytes of a file, at most `most_bytes`. Raises `FormatError` if it cannot be read."""
     try:
         with path.open("rb") as stream:
-            data = stream.read(most_bytes + 1)
+            return stream.read(most_bytes)
     except (OSError, ValueError) as error:  # ValueError: a null byte in the name
         raise FormatError(f"{path}: cannot be read ({reason(error)})") from error
+
+
+def read_bounded(path: Path, most_bytes: int) -> bytes:
+    """Read a file of at most `most_bytes`. Raises `FormatError`, also if it cannot be read."""
+    data = read_beginning(path, most_bytes + 1)
     if len(data) > most_bytes:
         raise FormatError(f"{path}: is larger than the size limit of {most_bytes / 1e6:g} MB")
     return data

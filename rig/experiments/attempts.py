@@ -132,12 +132,12 @@ def _why_displaced(session: Session[Row], tasks: Iterable[Task], first: Task) ->
     recording = session.folder / recording_file(first.number, first.attempt)
     if any(recording.parent.glob(f"{recording.stem}.*mcap")):
         return "the last attempt was interrupted, and its object may lie anywhere"
-    last = session.rows[-1] if session.rows else None
-    if last is None:
+    if not session.rows:
         return ""
-    before = next((task.object_id for task in tasks if task.number == last.number), None)
+    last = session.rows[-1]
     if last.displaced:
         return DISPLACED
+    before = next((task.object_id for task in tasks if task.number == last.number), None)
     return "" if before == first.object_id else f"object {before} may still be there"
 
 

@@ -76,6 +76,14 @@ def wait_until(met: Callable[[], bool], process: "subprocess.Popen[str]") -> Non
     assert process.poll() is None, process.communicate()[1]
 
 
+def lifting(served: Served, out: Path) -> "subprocess.Popen[str]":
+    """A trial on the real bench that holds the wrench above its place."""
+    served.control.call("place", object="wrench", seed=3)
+    process = trial(served, served.real, out)
+    wait_until(lambda: served.world()["held"] and served.height_m() > GRASP_M + 0.02, process)
+    return process
+
+
 @pytest.mark.parametrize("number", [signal.SIGINT, *long(signal.SIGQUIT)])
 def test_trial_stopped_on_its_way_down_stays_there(
     served: Served, tmp_path: Path, number: signal.Signals
@@ -95,9 +103,7 @@ def test_trial_stopped_on_its_way_down_stays_there(
 def test_object_held_after_a_kill_is_neither_dropped_nor_moved_unasked(
     served: Served, tmp_path: Path
 ) -> None:
-    served.control.call("place", object="wrench", seed=3)
-    process = trial(served, served.real, tmp_path / "s")
-    wait_until(lambda: served.world()["held"] and served.height_m() > GRASP_M + 0.02, process)
+    process = lifting(served, tmp_path / "s")
     process.kill()
     process.communicate()
     pause(1.0)
@@ -126,9 +132,7 @@ def test_object_held_after_a_kill_is_neither_dropped_nor_moved_unasked(
 def test_resume_after_a_stop_in_the_hold_moves_nothing_before_a_person_has_placed_the_object(
     served: Served, tmp_path: Path
 ) -> None:
-    served.control.call("place", object="wrench", seed=3)
-    process = trial(served, served.real, tmp_path / "s")
-    wait_until(lambda: served.world()["held"] and served.height_m() > GRASP_M + 0.02, process)
+    process = lifting(served, tmp_path / "s")
     process.send_signal(signal.SIGINT)
     _, error = process.communicate(timeout=LIMIT_S)
     assert process.returncode == 3, error

@@ -136,18 +136,10 @@ def make_keyframe(source: Source, learnt: LearntGradientMap) -> Keyframe | None:
     if not float(rows[SLOPES, SQUARE].sum()) > 0.0:
         return None
     counted, rich = (len(pixels[0]), found[0], 0), source.texture.richness(source.mask)
-    key = Keyframe(
-        source,
-        rows,
-        counted,
-        center,
-        pixels,
-        found[1],
-        rich,
-        textured=_information(rows[TEXTURE], found[0], FIRST + 3, (3, 3)),
-        border=1.0 - np.count_nonzero(source.mask[_INNER]) / np.count_nonzero(source.mask),
-    )
-    return _with_curvature(key, planes, box)
+    textured = _information(rows[TEXTURE], found[0], FIRST + 3, (3, 3))
+    key = Keyframe(source, rows, counted, center, pixels, found[1], rich, textured=textured)
+    border = 1.0 - np.count_nonzero(source.mask[_INNER]) / key.area_px
+    return _with_curvature(replace(key, border=border), planes, box)
 
 
 def _with_curvature(key: Keyframe, planes: Field, box: Box) -> Keyframe:

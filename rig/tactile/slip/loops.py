@@ -55,8 +55,8 @@ def _placed(
     """Return where a keyframe's points, moved, are in a plane (h, w).
 
     The index of the pixel left above each, and the weights (4, count) of it and its neighbours right, below,
-    and right below; 0 outside, and within a rim. Apart from the reading, because only this part is done in
-    vectors.
+    and right below; 0 for points outside the plane or less than `rim` pixels inside its border. This is apart
+    from the reading, because the compiler vectorises only this part.
     """
     scale, width, first = view[0], np.int32(shape[1]), np.float32(rim)
     cosine, sine = np.float32(math.cos(angle) * scale), np.float32(math.sin(angle) * scale)

@@ -72,8 +72,9 @@ def test_loop_is_cached_beside_its_file_or_nowhere_if_folders_are_not_writable(
 
 
 def test_compiling_is_reported_once_and_only_if_something_is_compiled(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr("drivers.progress._display", None)  # commands of other tests leave one
     with caplog.at_level(logging.WARNING):
         for folder, messages in (("first", 1), ("second", 1)):
             with install_listener("numba:compile", _Report()):

@@ -21,6 +21,9 @@ REACHED_M = 0.002
 """Tolerance of a reached opening, m: a third of the 6 mm by which a release opens wider than the object
 (2 x `steps.MARGIN_M`), so fingers within this tolerance do not touch the object. Three steps of a Robotiq
 3-Finger."""
+STILL_M, STILL_STEPS = 0.001, 2
+"""Largest change of the opening of fingers that stand still, m, but at least so many steps of the gripper: noise
+of the reading. If fingers that open are stopped there, a grip of 1.9 mm (that of a wrench) still holds."""
 _ROUNDING_M = 1e-9
 """Rounding error of an opening, far below any gripper's resolution."""
 RELEASE_S = 1.0
@@ -57,7 +60,7 @@ def move_fingers(bench: Bench, opening_m: float, pump: Pump | None = None) -> Gr
     problem = _problem(reached, opening_m, opens, bench.gripper.spec)
     if problem is None:
         if pump is not None:  # fingers that stopped at an object close further if it gives way
-            slack_m = tolerance_m(bench.gripper.spec) + _ROUNDING_M
+            slack_m = max(STILL_M, STILL_STEPS * bench.gripper.spec.resolution_m) + _ROUNDING_M
             low_m, high_m = sorted((reached.opening_m, opening_m))
             pump.expect_fingers((low_m - slack_m, high_m + slack_m))
         return reached

@@ -216,10 +216,12 @@ class Pump:
         self._observer.frame(frame)
 
     def _require_still(self, state: GripperState) -> None:
-        """Raise `FingerMotionError` if the fingers have moved without a command."""
+        """Stop the fingers and raise `FingerMotionError` if they have moved without a command."""
         if self._still_m is None or self._still_m[0] <= state.opening_m <= self._still_m[1]:
             return
         low, high = self._still_m
+        with suppress(DeviceError):  # fingers that still move would drop the object before it is set down
+            self._bench.gripper.stop()
         moved = "opened" if state.opening_m > high else "closed"
         raise FingerMotionError(
             f"gripper: the fingers {moved} to {1e3 * state.opening_m:.1f} mm without a command (allowed: "

@@ -270,15 +270,17 @@ class ArmLink:
             require_number("the arm's timestamp_s", sample.timestamp_s)
             require_fraction("the arm's speed_fraction", sample.speed_fraction)
             return sample
-        if sample is not None and not sample.received_ns:
+        ended = sample is not None and not sample.received_ns
+        if ended:
             self._listener.wait(host_s(self._clock, END_S))
         if not self._listener.alive:
             raise DeviceError(
                 f"arm: connection lost: {self._listener.death()}; its state is unknown. "
                 "Inspect it, check the network, then connect again"
             )
+        what = "connection lost" if ended else f"no new state for {age_s:.2f} s (limit {STALE_S} s)"
         raise DeviceTimeoutError(
-            f"arm: no new state for {age_s:.2f} s (limit {STALE_S} s), so its state is unknown; "
+            f"arm: {what}, so its state is unknown; "
             "inspect it, check the controller and the network, then connect again"
         )
 

@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -47,6 +48,12 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+def changes_sign(quaternions_xyzw: Sequence[Sequence[float]]) -> bool:
+    """Whether neighbours in a list have opposite signs although they are almost the same rotation."""
+    quaternions = np.array(quaternions_xyzw)
+    return bool((np.sum(quaternions[1:] * quaternions[:-1], axis=1) < 0.0).any())
+
+
 def test_csv_and_parquet_contain_the_same_tables(one_lift: Path, tmp_path: Path) -> None:
     parquet = pytest.importorskip("pyarrow.parquet")
     export_session(one_lift, "csv", tmp_path / "csv")
@@ -78,6 +85,10 @@ def test_csv_and_parquet_contain_the_same_tables(one_lift: Path, tmp_path: Path)
     assert 0.0 <= min(in_b) < max(in_b) <= row.phases_s[Phase.HOLD] - row.phases_s[Phase.LIFT]
     frames = parquet.read_table(tmp_path / "parquet/frames.parquet").to_pylist()
     assert len(frames) == sum(row.frames.values())
+    arm = parquet.read_table(tmp_path / "parquet/arm.parquet").to_pylist()
+    recorded = [state.base_T_tcp.quaternion_xyzw for state in recorded_arm_states(one_lift / "lifts/001.mcap")]
+    assert changes_sign(recorded), "the tool points down, and its pose has noise"
+    assert not changes_sign([[row[name] for name in ("qx", "qy", "qz", "qw")] for row in arm])
 
 
 @pytest.mark.filterwarnings("ignore:__array__ implementation")  # pycocotools 2.0.11 with numpy 2
@@ -183,6 +194,10 @@ def test_lerobot_data_set_has_its_parts_and_the_stored_images(quick_tips: Path, 
     np.testing.assert_allclose(np.diff(data["timestamp"].to_numpy()), 1 / 15, atol=1e-5)
     action, names = data["action"][0].as_py(), info["features"]["observation.state"]["names"]
     assert info["features"]["action"]["names"] == names[:8]
+    for column in ("observation.state", "action"):
+        poses = np.array(data[column].to_pylist())[:, [names.index(name) for name in ("qx", "qy", "qz", "qw")]]
+        assert not changes_sign(poses)
+        assert poses.std(axis=0).max() < 0.1
     first = data["observation.state"][0].as_py()
     assert first[:7] == pytest.approx(action[:7], abs=0.05)
     assert abs(first[7] - action[7]) <= 1.0, "counts: the fingers tighten meanwhile"

@@ -58,6 +58,15 @@ def was_carried(lift: Any) -> bool:
     return any(height > 2 * SET_DOWN_M for height in heights[down:])
 
 
+def was_dropped(lift: Any) -> bool:
+    """Whether the fingers lost the object above its place."""
+    place = lift.plan.base_T_grasp.position_m[2]
+    return any(
+        held and not still_held and z - place > 2 * SET_DOWN_M
+        for (_, z, _, held), (*_, still_held) in pairwise(lift.trace)
+    )
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("phase", "kind"),
@@ -212,6 +221,7 @@ def test_fingers_that_drift_open_without_a_command_end_the_lift(lift_of: LiftOf,
     break_in(lift, phase, "drift")
     with pytest.raises(FingerMotionError, match=r"opened to .* mm without a command"):
         run_lift(lift.bench, lift.plan, lift.observer)
+    assert not was_dropped(lift), "the fingers are stopped before they have lost the object"
     assert not was_carried(lift)
 
 

@@ -158,6 +158,16 @@ def test_lift_with_late_frames_is_named_in_row_table_and_page(
     assert any("do not turn at the same time" in notice.what for notice in trial_notices(changed))
 
 
+def test_lift_whose_camera_has_another_speed_is_named_in_row_table_and_page(one_lift: Path) -> None:
+    row = replace(read_finished_lifts(one_lift)[0], clock_rates={"SIM-C0001": 0.7})
+    named = "time stamps at another speed than this computer's clock: SIM-C0001 at 0.70"
+    assert named in lift_note(row)
+    assert named.encode() in lifts_csv([row])
+    trial = read_trial(one_lift, read_manifest(one_lift))
+    changed = replace(trial, lifts=tuple(row for lift in trial.lifts))
+    assert any(named in notice.what for notice in trial_notices(changed))
+
+
 def rates(speed: dict[str, float], load: float = 0.0, jitter_s: float = 0.02) -> dict[str, float]:
     """The rates of three sources over 6 s. load: growth of the delay of all frames."""
     clock, rng = SimulatedClock(), np.random.default_rng(0)

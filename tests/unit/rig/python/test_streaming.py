@@ -1,5 +1,6 @@
 """`rig.estimator`: one frame after the other, its reference, and what it rejects."""
 
+import resource
 from typing import Any
 
 import numpy as np
@@ -66,6 +67,19 @@ def test_memory_stays_bounded() -> None:
     for number in range(300):
         estimator.update(gel(80, 60, number % 5), number / 60.0)
     assert len(estimator.track.samples) < 60
+
+
+@pytest.mark.long
+def test_memory_does_not_grow_over_many_frames() -> None:
+    """20,000 frames of a press that repeats: 11 minutes at 30 Hz."""
+    frames = [frame.image for frame in desk_frames(8.0)]
+    estimator = rig.estimator(background=frames[0])
+    peaks_mb = []
+    for number in range(20_000):
+        estimator.update(frames[number % len(frames)], number / RATE_HZ)
+        if number % 5_000 == 4_999:
+            peaks_mb.append(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0)
+    assert peaks_mb[-1] - peaks_mb[0] < 5.0
 
 
 def test_given_image_may_be_reused_and_mirrored_views_are_taken() -> None:

@@ -19,7 +19,7 @@ from rig.tactile.estimators import choose_estimator
 from support.desk_frames import desk_frames
 
 STEP_NS = NS_PER_S // 10
-SHIFTS = [(10, 0), (0, -10), (-12, 9), (0, 16)]
+SHIFTS = [(8, 0), (-8, 0), (10, 0), (0, -10), (-12, 9), (0, 16), (0, 20)]
 
 
 def shifted(image: Image, x: float, y: float) -> Image:

@@ -14,6 +14,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -35,6 +36,7 @@ from rig.tactile.slip.loops import (
     weigh,
 )
 from rig.tactile.slip.parameters import ALIGNMENT, KEYFRAMES
+from rig.tactile.slip.slopes import CURVATURE
 from rig.tactile.slip.texture import Texture
 
 COARSE_ITERATIONS, COARSE_PART = 6, 3
@@ -205,9 +207,11 @@ class Aligner:
         turns, steps: number of steps of `GRID_RAD` and `GRID_PX` to either side.
         """
         k, pose = self.used[0], np.array([around.angle_rad, around.point_px.real, around.point_px.imag])
+        rim = 2 * (steps * GRID_PX + 1)
+        plane = cv2.copyMakeBorder(self._slopes[CURVATURE], rim, rim, rim, rim, cv2.BORDER_CONSTANT)
         angle, x, y = sought(
-            self._bank[k, CURVED], self._facts[k], self._slopes, self._views[SLOPES], pose, COARSE_PART,
-            GRID_RAD, turns, GRID_PX, steps,
+            self._bank[k, CURVED], self._facts[k], plane, self._views[SLOPES] + (0.0, rim, rim), pose,
+            COARSE_PART, GRID_RAD, turns, GRID_PX, steps,
         )  # fmt: skip
         return Pose(angle, complex(x, y))
 

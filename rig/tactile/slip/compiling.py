@@ -92,4 +92,4 @@ def _run_all() -> None:
         1.0, 1.0, 2, 1, 3, np.zeros(RESULTS),
     )  # fmt: skip
     kept(bank[0, 0], facts[0], planes, views[0], 0.1)
-    sought(bank[0, CURVED], facts[0], planes, views[0], np.zeros(3), 1, 0.1, 1, 1, 1)
+    sought(bank[0, CURVED], facts[0], planes[0], views[0], np.zeros(3), 1, 0.1, 1, 1, 1)

@@ -135,12 +135,13 @@ def kept(curved: Values, facts: Sums, slopes: Values, view: Sums, turn: float) -
 
 @compiled
 def sought(
-    key: Values, facts: Sums, slopes: Values, view: Sums, pose: Sums, part: int, turn_rad: float,
+    key: Values, facts: Sums, plane: Values, view: Sums, pose: Sums, part: int, turn_rad: float,
     turns: int, step_px: int, steps: int,
 ) -> tuple[float, float, float]:  # fmt: skip
     """Return angle and point at which the curvature of a frame agrees best, on a grid around a pose.
 
-    Its steps are whole pixels: so the weights of neighbouring pixels are computed once per angle.
+    Its steps are whole pixels: so the weights of neighbouring pixels are computed once per angle. plane:
+    curvature (h, w), with zeros around it that are twice as wide as the grid reaches.
     """
     count, x, y = (int(facts[COUNTED + CURVED]) + part - 1) // part, 0.0, 0.0
     for i in range(count):
@@ -152,11 +153,6 @@ def sought(
     middle_x = pose[1] + x * math.cos(turn) + y * math.sin(turn)
     middle_y = pose[2] + y * math.cos(turn) - x * math.sin(turn)
     best, found = -2.0, (pose[0], pose[1], pose[2])
-    # Zeros around the frame, so that no point of the grid is outside.
-    around = 2 * (steps * step_px + 1)
-    plane = np.zeros((slopes.shape[1] + 2 * around, slopes.shape[2] + 2 * around), np.float32)
-    plane[around:-around, around:-around] = slopes[3]
-    moved = np.array([1.0, view[1] + around, view[2] + around])
     flat, step, line = plane.reshape(-1), np.uintp(1), np.uintp(plane.shape[1])
     for k in range(-turns, turns + 1):
         turn = pose[0] - facts[ANGLE] + k * turn_rad
@@ -164,7 +160,8 @@ def sought(
         at_x, at_y = middle_x - (x * cosine + y * sine), middle_y - (y * cosine - x * sine)
         away_x = facts[LEVER_X] * cosine + facts[LEVER_Y] * sine
         away_y = facts[LEVER_Y] * cosine - facts[LEVER_X] * sine
-        at, parts = _placed(key, plane.shape, moved, at_x - away_x, at_y - away_y, turn, around // 2, count)
+        rim = steps * step_px + 1
+        at, parts = _placed(key, plane.shape, view, at_x - away_x, at_y - away_y, turn, rim, count)
         for i in range(-steps, steps + 1):
             for j in range(-steps, steps + 1):
                 shift, product, power = (j * plane.shape[1] + i) * step_px, np.float32(0.0), np.float32(1e-20)

@@ -22,9 +22,9 @@ REACHED_M = 0.002
 (2 x `steps.MARGIN_M`), so fingers within this tolerance do not touch the object. Three steps of a Robotiq
 3-Finger."""
 STILL_M, STILL_STEPS = 0.001, 2
-"""Largest change of the opening of fingers that stand still, due to noise of the reading: in m and in steps of
-the gripper; the larger one counts. If fingers that open are stopped there, a grip of 1.9 mm (that of a wrench)
-still holds."""
+"""Largest change of the opening of fingers that stand still, due to noise of the reading: in m and in steps
+of the gripper; the larger one counts. If fingers that open are stopped there, a grip of 1.9 mm (that of a
+wrench) still holds."""
 _ROUNDING_M = 1e-9
 """Rounding error of an opening, far below any gripper's resolution."""
 RELEASE_S = 1.0

@@ -37,7 +37,7 @@ from pymodbus.simulator import DataType, SimData, SimDevice
 from drivers.clock import NS_PER_S, Clock, host_s, to_ns
 from drivers.errors import InputError
 from fakes.faults import MOTIONLESS, Faults, overshot
-from fakes.wire.net import VitalThread
+from fakes.wire.net import Part
 from fakes.world.motion import FingerPath
 from fakes.world.world import FINGER_STIFFNESS_N_M, World
 
@@ -316,7 +316,7 @@ Server = ModbusTcpServer | ModbusSerialServer
 logging.getLogger("pymodbus").addHandler(logging.NullHandler())
 
 
-class WireGripper(ABC):
+class WireGripper(Part, ABC):
     """The gripper behind pymodbus's server: registers, 200 Hz refresh, faults, and its event loop.
 
     Line faults are injected by the server's hooks: `_access` refuses or delays a request, `_pdu` replaces a
@@ -329,6 +329,7 @@ class WireGripper(ABC):
     def __init__(
         self, world: World, clock: Clock, preset: str, fingers: tuple[str, ...], activation_s: float
     ) -> None:
+        super().__init__("simulated gripper", lambda: asyncio.run(self._serve()))
         if preset not in BASES:
             raise InputError(f"simulated gripper: no preset '{preset}': use one of {', '.join(BASES)}")
         self._clock = clock
@@ -337,29 +338,13 @@ class WireGripper(ABC):
         self._faults = Faults("simulated gripper", FAULTS, clock.now_ns)
         self._requests = self._replies = 0
         self._random = random.Random(0)  # noqa: S311 - noise on a line, not a secret
-        self._stopping = threading.Event()
-        self._thread: VitalThread | None = None
+        self._opened: concurrent.futures.Future[None] = concurrent.futures.Future()
         self._lock = threading.RLock()
 
     def start(self) -> None:
         """Open the line and serve it from a thread. Raises `InputError` if it is in use."""
-        self._stopping.clear()
-        opened: concurrent.futures.Future[None] = concurrent.futures.Future()
-        self._thread = VitalThread(lambda: asyncio.run(self._serve(opened)), "simulated gripper")
-        self._thread.start()
-        opened.result()
-
-    @property
-    def failure(self) -> Exception | None:
-        """The error that ended the gripper, None if there was none."""
-        return self._thread.failure if self._thread else None
-
-    def stop(self) -> None:
-        """Stop serving. Safe to call twice."""
-        self._stopping.set()
-        if self._thread is not None:
-            self._thread.join(2.0)
-            self._thread = None
+        super().start()
+        self._opened.result()
 
     def inject(self, kind: str, **arguments: Any) -> None:
         """Start a fault of `FAULTS`, or end all with "clear". Raises `InputError` for an unknown one."""
@@ -402,15 +387,15 @@ class WireGripper(ABC):
         device = SimDevice(self.unit, simdata=blocks, action=self._access)
         return kind(device, trace_pdu=self._pdu, trace_packet=self._packet, **arguments)
 
-    async def _serve(self, opened: concurrent.futures.Future[None]) -> None:
+    async def _serve(self) -> None:
         try:
             await self._open()
         except InputError as error:
-            opened.set_exception(error)
+            self._opened.set_exception(error)
             return
-        opened.set_result(None)
+        self._opened.set_result(None)
         is_open = True
-        while not self._stopping.is_set():
+        while not self.stopping.is_set():
             with self._lock:
                 now_ns = self._clock.now_ns()
                 self._model.faults = active = self._faults.names()

@@ -24,7 +24,7 @@ from fakes.faults import FaultScript
 from fakes.objects.catalogue import short_id
 from fakes.wire.gripper.server import GripperRtu, GripperServer, WireGripper
 from fakes.wire.mjpeg.server import MjpegServer
-from fakes.wire.net import ControlServer, VitalThread
+from fakes.wire.net import ControlServer, Part
 from fakes.wire.ur.controller import POLYSCOPE, URController
 from fakes.world.fixture import parse_fixture
 from fakes.world.mirror import PATIENCE_S, MirroredWorld, Snapshot, Track, snapshot_of
@@ -117,7 +117,7 @@ def _render(
             while True:
                 world.feed(feed.recv())
 
-    feeder = VitalThread(keep_fed, "updates of the mirrored world")
+    feeder = Part("updates of the mirrored world", keep_fed)
     feeder.start()
     servers: dict[str, MjpegServer] = {}
     try:
@@ -166,7 +166,6 @@ def _answer_calls(servers: dict[str, MjpegServer], calls: Connection) -> bool:
 TICK_S = 0.004
 LOOK_S = 0.5
 """Interval at which `wait` checks that all parts are alive."""
-JOIN_S = 2.0
 MOST_SEED = 2**63 - 1
 
 
@@ -214,7 +213,7 @@ class FakesHost:
         """Address of each device: the arm, the gripper, and streams by their serials."""
         self._running = ExitStack()
         self._stopping = threading.Event()
-        self._vital: list[URController | WireGripper | ControlServer | VitalThread] = []
+        self._vital: list[Part] = []
 
     def start(self) -> Addresses:
         """Start everything and return the addresses. Raises `InputError` if a port is in use."""
@@ -270,26 +269,20 @@ class FakesHost:
         self._served = {"arm": self._host, "gripper": where, **streams}
         control.start()
         self._running.callback(control.stop)
-        self._vital = [arm, gripper, control, self._ticker(renderer)]
+        ticker = Part("world of the fakes", lambda: self._tick(renderer))
+        ticker.start()
+        # it may be blocked by cameras that read nothing more, whose process ends after it
+        self._running.callback(ticker.stop)
+        self._vital = [arm, gripper, control, ticker]
         return Addresses(self._host, where, streams, control.address)
 
-    def _ticker(self, renderer: Renderer) -> VitalThread:
+    def _tick(self, renderer: Renderer) -> None:
         """Advance the world and send it to the cameras, whether or not a device asks."""
-        tick_s = host_s(self._clock, TICK_S)
-
-        def run() -> None:
-            while not self._stopping.wait(tick_s):
-                snapshot = snapshot_of(self._world, self._clock.now_ns())
-                state, counts = snapshot.state, self._world.fingers.position_at(snapshot.state.time_ns)
-                self._track.see(state.time_ns, snapshot.tool.position_m, counts, state.held)
-                renderer.feed(snapshot)
-
-        ticker = VitalThread(run, "world of the fakes")
-        ticker.start()
-        # with a limit: it may be blocked by cameras that read nothing more, whose process ends after it
-        self._running.callback(ticker.join, JOIN_S)
-        self._running.callback(self._stopping.set)
-        return ticker
+        while not self._stopping.wait(host_s(self._clock, TICK_S)):
+            snapshot = snapshot_of(self._world, self._clock.now_ns())
+            state, counts = snapshot.state, self._world.fingers.position_at(snapshot.state.time_ns)
+            self._track.see(state.time_ns, snapshot.tool.position_m, counts, state.held)
+            renderer.feed(snapshot)
 
     def _place(self, object: str, seed: int | None = None) -> None:
         """Lay an object down or mount a target, as an operator does, if it can be drawn."""

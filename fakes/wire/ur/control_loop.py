@@ -14,7 +14,6 @@ from drivers.types import Vector6
 from fakes.wire.ur.robot import (
     STEADY_CYCLES,
     Brake,
-    Guided,
     ProgramError,
     Robot,
     ServoMove,
@@ -206,9 +205,13 @@ def _set_payload(loop: ControlLoop) -> None:
     loop.robot.load(mass, tuple(cog) if any(cog) else None)
 
 
+def _teach(loop: ControlLoop) -> None:
+    loop.robot.body.mover = loop.robot.hand
+
+
 def _end_teaching(loop: ControlLoop) -> Thread | None:
     """Return to position control and brake the arm. Without teach mode nothing happens."""
-    return loop.brake(FREEDRIVE_BRAKE) if isinstance(loop.robot.body.mover, Guided) else None
+    return loop.brake(FREEDRIVE_BRAKE) if loop.robot.body.mover is loop.robot.hand else None
 
 
 COMMANDS: dict[int, Command] = {
@@ -223,14 +226,16 @@ COMMANDS: dict[int, Command] = {
     15: _speed_stop,
     16: lambda loop: loop.brake(loop.doubles(0, 1)[0]),
     17: _set_payload,
-    18: lambda loop: loop.robot.be_guided(),
+    18: _teach,
     19: _end_teaching,
     29: lambda loop: loop.robot.set_tool(loop.frame(0)),
     30: lambda loop: loop.answer(loop.robot.solved(loop.frame(0), loop.joints(6))),
     31: lambda loop: loop.robot.protective_stop(),
     33: _stop(linear=True),
     34: _stop(linear=False),
-    35: lambda loop: loop.robot.watch(f"input_int_register_{loop.offset}", *loop.doubles(0, 1)),
+    35: lambda loop: loop.robot.runtime.watch(
+        f"input_int_register_{loop.offset}", *loop.doubles(0, 1), loop.robot.time_ns
+    ),
     36: _has_solution,
     40: lambda loop: loop.answer(to_ur(loop.robot.body.tool)),
     45: lambda loop: loop.operate(loop.along_path()),

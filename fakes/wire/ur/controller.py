@@ -26,9 +26,9 @@ from drivers.clock import NS_PER_S, Clock, host_s
 from drivers.errors import InputError
 from drivers.types import Vector6
 from fakes.faults import Faults
-from fakes.wire.net import VitalThread
+from fakes.wire.net import Part
 from fakes.wire.ur.control_loop import ControlLoop
-from fakes.wire.ur.robot import CYCLE_NS, Guided, Robot
+from fakes.wire.ur.robot import CYCLE_NS, Robot
 from fakes.wire.ur.rtde import RtdeSession
 from fakes.wire.ur.script import BANNER, LineReader, ProgramReader, control_program, reply, run_other
 from fakes.world.kinematics import PHYSICAL_TOOL, compose, from_ur, rotation_between
@@ -112,7 +112,6 @@ STOOD_STILL_NS = 20_000_000
 POLYSCOPE = "5.11.0"
 """The version that is announced by default."""
 BUILDS = {(5, 11): 108249}
-JOIN_S = 2.0
 FAULTS: dict[str, dict[str, Any]] = {
     "protective_stop": {},
     "emergency_stop": {},
@@ -136,7 +135,7 @@ pendant is switched to local, so that no program is accepted. recipe_refused: va
 _log = logging.getLogger(__name__)
 
 
-class URController:
+class URController(Part):
     """The controller, in a thread of the hosting process.
 
     clock: the world's time. version: the announced version, "5.11.0" or later. release_after_s: time until a
@@ -151,6 +150,7 @@ class URController:
         version: str = POLYSCOPE,
         release_after_s: float = 5.0,
     ) -> None:
+        super().__init__(f"simulated controller on {host}", self._serve)
         self.host, self._clock = host, clock
         if not re.fullmatch(r"5\.\d{1,3}\.\d{1,3}", version):
             raise InputError(
@@ -166,8 +166,7 @@ class URController:
         self._connections: list[Connection] = []
         self._sessions: dict[Connection, RtdeSession] = {}
         self._lock = threading.RLock()
-        self._stopping = threading.Event()
-        self._thread: VitalThread | None = None
+
         self._cycle = self._skipped = 0
         self._cpu_s = 0.0
 
@@ -177,27 +176,16 @@ class URController:
         for port, listener in self._listeners.items():
             self._selector.register(listener, selectors.EVENT_READ, port)
         self._cycle = self._clock.now_ns() // CYCLE_NS
-        self._stopping.clear()
-        self._thread = VitalThread(self._serve, f"simulated controller on {self.host}")
-        self._thread.start()
-
-    @property
-    def failure(self) -> Exception | None:
-        """The error that ended the controller, None if there was none."""
-        return self._thread.failure if self._thread else None
+        super().start()
 
     def stop(self) -> None:
-        self._stopping.set()
-        if self._thread is not None:
-            self._thread.join(JOIN_S)
+        super().stop()
         for connection in self._connections:
             connection.closed = True
         self._remove_closed()
         for listener in self._listeners.values():
             listener.close()
-        self._listeners = {}
         self._selector.close()
-        self._selector = selectors.SelectSelector()
 
     def inject(self, kind: str, **arguments: Any) -> None:
         """Start a fault of `FAULTS`, or end all with "clear". Raises `InputError` for an unknown one."""
@@ -255,11 +243,11 @@ class URController:
                 "robot_mode": robot.safety.robot_mode.name,
                 "remote_control": robot.safety.remote_control,
                 "tcp_m": list(robot.body.tcp[:3]),
-                "freedrive": isinstance(robot.body.mover, Guided),
+                "freedrive": robot.body.mover is robot.hand,
             }
 
     def _serve(self) -> None:
-        while not self._stopping.is_set():
+        while not self.stopping.is_set():
             wait_ns = (self._cycle + 1) * CYCLE_NS - self._clock.now_ns()
             self._selector.select(host_s(self._clock, max(wait_ns, 0) / NS_PER_S))
             with self._lock:

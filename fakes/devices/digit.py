@@ -132,9 +132,7 @@ class FakeDigit(FakeSource, TactileSensor):
         # the surface turns about a pivot beside the centre of the contact
         x, y = turned(px, py, turn)
         across, down = right + px - x, low + py - y + slid_mm
-        if (
-            bulge is not None
-        ):  # it slides and rocks with the object, but never turns; the face rolls
+        if bulge is not None:  # it slides and rocks with the object, but never turns; the face rolls
             (roll_x, roll_y), (rock_x, rock_y) = conditions.roll_mm_per_rad, conditions.rock_mm_per_rad
             across, down = across + roll_x * slipped_rad, down + roll_y * slipped_rad
             bulge_down = (variation.misplacement_m[1] + state.slide_m) * 1e3 + rock_y * slipped_rad

@@ -33,6 +33,7 @@ from fakes.world.world import World
 START_S = 120.0
 """Time limit for the start of the rendering process and for its answers: longer than a loaded host takes."""
 STOP_S = 5.0
+ENDED = "fake cameras: their process has ended; start the fakes again"
 ALIVE_S = 0.25
 """Interval at which the rendering process checks that all of its threads are alive."""
 CAMERA_PHASE = 0.125
@@ -56,22 +57,22 @@ class Renderer:
         feed.close()
         calls.close()
 
-    def urls(self) -> dict[str, str]:
-        """Wait until the streams are up; return where each serial is served."""
-        return self._answer(START_S)
-
     def feed(self, snapshot: Snapshot) -> None:
         """Send the state of the world to the process. Raises `DeviceError` if the process has ended."""
         try:
             self._feed.send(snapshot)
         except OSError as error:
-            raise self._reason() from error
+            with self._lock, suppress(EOFError, OSError):
+                while self._calls.poll(STOP_S):
+                    if isinstance(answer := self._calls.recv(), DeviceError):  # why the process has ended
+                        raise answer from error
+            raise DeviceError(ENDED) from error
 
     def call(self, serial: str, method: str, **arguments: Any) -> Any:
         """Call a method of the server of a stream. Raises its errors."""
         with self._lock:
             self._calls.send((serial, method, arguments))
-            return self._answer(START_S)
+            return self.answer()
 
     def stop(self) -> None:
         self._feed.close()
@@ -81,25 +82,17 @@ class Renderer:
             self._process.kill()
             self._process.join()
 
-    def _reason(self) -> DeviceError:
-        """Return why the process has ended: its own error if it sent one."""
-        with self._lock, suppress(EOFError, OSError):
-            while self._calls.poll(STOP_S):
-                answer = self._calls.recv()
-                if isinstance(answer, DeviceError):
-                    return answer
-        return DeviceError("fake cameras: their process has ended; start the fakes again")
-
-    def _answer(self, timeout_s: float) -> Any:
+    def answer(self) -> Any:
+        """Return the answer to a call; the first one is where each serial is served. Raises its errors."""
         try:
-            if self._calls.poll(timeout_s):
-                answer = self._calls.recv()
-                if isinstance(answer, Exception):
-                    raise answer
-                return answer
+            if not self._calls.poll(START_S):
+                raise DeviceError(f"fake cameras: no answer from their process within {START_S:g} s")
+            answer = self._calls.recv()
         except (EOFError, OSError) as error:
-            raise DeviceError("fake cameras: their process has ended; start the fakes again") from error
-        raise DeviceError(f"fake cameras: no answer from their process within {timeout_s:g} s")
+            raise DeviceError(ENDED) from error
+        if isinstance(answer, Exception):
+            raise answer
+        return answer
 
 
 def _render(
@@ -128,14 +121,21 @@ def _render(
             servers[source.serial] = _serve(drawn, clock, host, phase)
         calls.send({serial: server.url for serial, server in servers.items()})
         while _answer_calls(servers, calls):
-            for failure in (part.failure for part in (feeder, *servers.values())):
-                if failure is not None:
-                    raise DeviceError(f"fake cameras: {type(failure).__name__}: {failure}")
+            _require_alive("fake cameras", feeder, *servers.values())
     except RigError as error:
         calls.send(error)
     finally:
         for server in servers.values():
             server.stop()
+
+
+def _require_alive(whose: str, *parts: Part) -> None:
+    """Raise a `DeviceError` with the reason if one of the parts has ended."""
+    for failure in (part.failure for part in parts):
+        if isinstance(failure, DeviceError):
+            raise failure
+        if failure is not None:
+            raise DeviceError(f"{whose}: {type(failure).__name__}: {failure}")
 
 
 def _serve(source: FakeDigit | FakeCamera, clock: SharedClock, host: str, phase: float) -> MjpegServer:
@@ -235,11 +235,7 @@ class FakesHost:
 
     def check(self) -> None:
         """Raise a `DeviceError` with the reason if a part of the fakes has ended."""
-        for failure in (part.failure for part in self._vital):
-            if isinstance(failure, DeviceError):
-                raise failure
-            if failure is not None:
-                raise DeviceError(f"fakes: a part has ended: {type(failure).__name__}: {failure}")
+        _require_alive("fakes: a part has ended", *self._vital)
 
     def _start(self) -> Addresses:
         wire, world, clock = self._wire, self._world, self._clock
@@ -253,7 +249,7 @@ class FakesHost:
         for device in (arm, gripper):
             device.start()
             self._running.callback(device.stop)
-        streams = renderer.urls()
+        streams = renderer.answer()
         self._devices = {"arm": arm, "gripper": gripper}
         self._devices |= {serial: _Stream(renderer, serial) for serial in streams}
         commands = {

@@ -91,18 +91,27 @@ class MarkerScene:
     k1: float = 0.0
     _bench: Image = field(init=False)
     _light: Image = field(init=False)
+    """Illumination of the bench, (H, W, 3) uint8, 255 at the brightest place."""
     _noise: tuple[Image, Image] = field(init=False)
     _rays: NDArray[np.float32] = field(init=False)
+    """Undistorted ray (x/z, y/z) of every pixel centre, (H, W, 2) float32."""
     _textures: dict[int, _Texture] = field(init=False, default_factory=dict)
 
     def __post_init__(self) -> None:
         if not hasattr(cv2.aruco, self.dictionary):
             raise InputError(f"marker scene: OpenCV has no marker dictionary {self.dictionary!r}")
-        rng = np.random.default_rng(self.unit_seed)
-        self._light = _light(self.size)
+        rng, (width, height) = np.random.default_rng(self.unit_seed), self.size
+        x, y = np.meshgrid(np.linspace(0, 1, width), np.linspace(0, 1, height))
+        light = np.rint(255.0 * (1.0 - 0.14 * x - 0.10 * y)).astype(np.uint8)
+        self._light = np.repeat(light[..., None], 3, axis=2)
         self._bench = _draw_bench(self._light, rng)
         self._noise = _noise_fields(self.size, self.noise_grey, rng)
-        self._rays = _pixel_rays(self.camera_matrix, self.k1, self.size)
+        grid = np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1)
+        distorted = (grid - self.camera_matrix[:2, 2]) / self.camera_matrix[0, 0]
+        rays = distorted.copy()
+        for _ in range(30 if self.k1 else 0):
+            rays = distorted / (1.0 + self.k1 * (rays**2).sum(axis=-1, keepdims=True))
+        self._rays = rays.astype(np.float32)
 
     @property
     def camera_matrix(self) -> NDArray[np.float64]:
@@ -138,11 +147,7 @@ class MarkerScene:
         points = np.asarray(self.marker_centres_m)[:, None, :] + square
         return self._project(points.reshape(-1, 2), _plane(camera_T_object)).reshape(2, 4, 2)
 
-    def _project(
-        self,
-        plane_m: NDArray[np.float64],
-        camera_T_plane: NDArray[np.float64],  # noqa: N803
-    ) -> NDArray[np.float64]:
+    def _project(self, plane_m: Plane, camera_T_plane: Plane) -> NDArray[np.float64]:  # noqa: N803
         """Project (N, 2) plane coordinates (x, z) to (N, 2) px, with distortion."""
         rays = np.column_stack([plane_m, np.ones(len(plane_m))]) @ camera_T_plane.T
         flat = rays[:, :2] / rays[:, 2:]
@@ -210,25 +215,6 @@ def _plane(camera_T_object: Pose) -> NDArray[np.float64]:  # noqa: N803
     """Return the matrix (3, 3) from the object's plane coordinates (x, z, 1) to camera coordinates, m."""
     rotation = camera_T_object.rotation.as_matrix()
     return np.column_stack([rotation[:, 0], rotation[:, 2], camera_T_object.position_m])
-
-
-def _pixel_rays(camera_matrix: NDArray[np.float64], k1: float, size: tuple[int, int]) -> NDArray[np.float32]:
-    """Return the undistorted ray (x/z, y/z) of every pixel centre, (H, W, 2) float32."""
-    width, height = size
-    grid = np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1)
-    distorted = (grid - camera_matrix[:2, 2]) / camera_matrix[0, 0]
-    rays = distorted.copy()
-    for _ in range(30 if k1 else 0):
-        rays = distorted / (1.0 + k1 * (rays**2).sum(axis=-1, keepdims=True))
-    return rays.astype(np.float32)
-
-
-def _light(size: tuple[int, int]) -> Image:
-    """Return the illumination of the bench, (H, W, 3) uint8, 255 at the brightest place."""
-    width, height = size
-    x, y = np.meshgrid(np.linspace(0, 1, width), np.linspace(0, 1, height))
-    light = 255.0 * (1.0 - 0.14 * x - 0.10 * y)
-    return np.repeat(np.rint(light).astype(np.uint8)[..., None], 3, axis=2)
 
 
 def _draw_bench(light: Image, rng: np.random.Generator) -> Image:

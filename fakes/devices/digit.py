@@ -14,7 +14,7 @@ from fakes.faults import FaultScript
 from fakes.gel.dots import shear_of
 from fakes.gel.pad import turned
 from fakes.gel.sensor import GelSensor, Imprint
-from fakes.gel.variation import FAMILY, Look, Variation, coded, draw_variation, jpeg
+from fakes.gel.variation import FAMILY, Look, coded, draw_variation, jpeg
 from fakes.objects.surfaces import Surface, depth_for_force, face_surface
 from fakes.studio.conditions import EASY, Conditions, Difficulty, draw_conditions
 from fakes.world.mirror import WorldView
@@ -23,10 +23,8 @@ from fakes.world.state import PAD_M, SLIDE_M_PER_RAD, BenchLayout, Grasp, WorldS
 _FORCE_GRID_N = np.array([0.02, 0.05, 0.1, 0.2, 0.4, 0.7, 1.0, 1.4, 1.9, 2.6, 4.0, 15.0])
 
 
-@lru_cache(maxsize=8)
-def _gel(unit_seed: int, variation: Variation, markers: bool, look: Look | None) -> GelSensor:
-    """Return the gel of a sensor; cached, because making it takes as long as rendering fifty frames."""
-    return GelSensor(unit_seed, variation=variation, markers=markers, look=look)
+_gel = lru_cache(maxsize=8)(GelSensor)
+"""Cached, because making the gel of a sensor takes as long as rendering fifty frames."""
 
 
 @dataclass(frozen=True, slots=True)

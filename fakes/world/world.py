@@ -15,7 +15,7 @@ from drivers.clock import NS_PER_S
 from drivers.errors import DeviceError
 from drivers.types import Pose, Vector3
 from fakes.objects.catalogue import GraspSite, ObjectModel, find_object
-from fakes.world.fixture import Fixture, gap_m, parse_fixture
+from fakes.world.fixture import HOLE_FROM_TABLE_M, Fixture, parse_fixture, tip_m
 from fakes.world.motion import FingerPath, ToolPath, tool_tilt
 from fakes.world.state import (
     GRAVITY,
@@ -168,7 +168,10 @@ class World:
 
     def gap_at(self, time_ns: int) -> Vector3:
         """Return the vector from the clamped tip to the hole on the table, in the base's axes, m."""
-        return gap_m(self.tool.pose_at(time_ns), self.layout.base_T_table, self.seed)
+        base_T_tcp = self.tool.pose_at(time_ns)  # noqa: N806 - frame names keep their case
+        tip = base_T_tcp.rotation.apply(tip_m(self.seed)) + np.asarray(base_T_tcp.position_m)
+        x, y, z = (np.add(self.layout.base_T_table.position_m, HOLE_FROM_TABLE_M) - tip).tolist()
+        return x, y, z
 
     def _state_at(self, time_ns: int) -> WorldState:
         while self._history[-1].time_ns < time_ns:

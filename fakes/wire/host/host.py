@@ -243,7 +243,7 @@ class FakesHost:
         renderer = Renderer(self._plan, clock, snapshot_of(world, clock.now_ns()), self._host)
         self._running.callback(renderer.stop)
         if wire.rtu is not None:
-            gripper = GripperRtu(world, clock, wire.rtu, wire.fingers)
+            gripper = GripperRtu(world, clock, wire.rtu, fingers=wire.fingers)
         else:
             gripper = GripperServer(world, clock, self._host, preset=wire.preset, fingers=wire.fingers)
         for device in (arm, gripper):

@@ -104,11 +104,10 @@ class MjpegSensor:
         with self._lock:
             if "size_px" in settings:
                 size = _numbers(settings["size_px"], 2)
-                wanted = next((known for known in self._rates if known == size), None)
-                if wanted is None:
+                if size not in self._rates:
                     raise InputError(f"sensor: no size {size}; there are {sorted(self._rates)}")
-                self._size = wanted
-                self._set_rate(self._rates[wanted][0])
+                self._size = int(size[0]), int(size[1])
+                self._set_rate(self._rates[self._size][0])
             if "rate_hz" in settings:
                 self._set_rate(_numbers([settings["rate_hz"]], 1)[0])
             if "light" in settings:
@@ -234,7 +233,8 @@ class MjpegServer(Part):
         self._clock = clock
         self._to_monotonic_ns = SystemClock(slowness_of(clock)).now_ns() - clock.now_ns()
         handler = type("Handler", (_Handler,), {"served": self})
-        self._http = BackgroundServer(_Server((host, 0), handler), poll_s=0.05)
+        server = type("Server", (QuietServer, HTTPServer), {})((host, 0), handler)
+        self._http = BackgroundServer(server, poll_s=0.05)
         self._changed = threading.Condition()
         self._clients: list[deque[Capture]] = []
 
@@ -264,14 +264,9 @@ class MjpegServer(Part):
         """
         with self._changed:
             ranges = [list(run) for run in self._ranges]
-            return {
-                "serial": self.serial,
-                **self._counts,
-                "first": ranges[0][0] if ranges else None,
-                "last": ranges[-1][1] if ranges else None,
-                "ranges": ranges,
-                "clients": len(self._clients),
-            }
+            first, last = (ranges[0][0], ranges[-1][1]) if ranges else (None, None)
+            found = {"first": first, "last": last, "ranges": ranges, "clients": len(self._clients)}
+            return {"serial": self.serial, **self._counts, **found}
 
     def captures(self) -> Iterator[Capture]:
         """Join the stream: yield its captures from now on, until it stops or is disconnected."""
@@ -337,10 +332,6 @@ class MjpegServer(Part):
                 self._counts["skipped"] += 1
             queue.append(capture)
         self._changed.notify_all()
-
-
-class _Server(QuietServer, HTTPServer):
-    """The HTTP server of a stream."""
 
 
 class _Handler(BaseHTTPRequestHandler):

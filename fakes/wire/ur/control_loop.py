@@ -200,11 +200,6 @@ def _has_solution(loop: ControlLoop) -> None:
     loop.answer_integer(loop.robot.solution(loop.frame(0)) is not None)
 
 
-def _set_payload(loop: ControlLoop) -> None:
-    mass, *cog = loop.doubles(0, 4)
-    loop.robot.load(mass, tuple(cog) if any(cog) else None)
-
-
 def _teach(loop: ControlLoop) -> None:
     loop.robot.body.mover = loop.robot.hand
 
@@ -225,7 +220,7 @@ COMMANDS: dict[int, Command] = {
     11: _servo_j,
     15: _speed_stop,
     16: lambda loop: loop.brake(loop.doubles(0, 1)[0]),
-    17: _set_payload,
+    17: lambda loop: loop.robot.load(*loop.doubles(0, 4)),
     18: _teach,
     19: _end_teaching,
     29: lambda loop: loop.robot.set_tool(loop.frame(0)),

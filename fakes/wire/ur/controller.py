@@ -17,7 +17,7 @@ import selectors
 import socket
 import threading
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -51,6 +51,7 @@ class Connection:
     socket: socket.socket
     port: int
     feed: Feed
+    session: RtdeSession | None = None
     pending: bytes = b""
     blocked_ns: int | None = None
     last: bytes = b""
@@ -83,24 +84,6 @@ class Connection:
         elif time_ns - self.blocked_ns > GIVE_UP_S * 1e9:
             self.closed = True
         self.closed |= len(self.pending) > MOST_PENDING
-
-
-def listen(host: str, ports: Iterable[int]) -> dict[int, socket.socket]:
-    """Listen on all ports. Raises `InputError` if one is in use or the address is not of this computer."""
-    listeners: dict[int, socket.socket] = {}
-    for port in ports:
-        try:
-            listeners[port] = socket.create_server((host, port), backlog=16)
-            listeners[port].setblocking(False)
-        except OSError as error:
-            for listener in listeners.values():
-                listener.close()
-            why = os.strerror(error.errno or 0)
-            raise InputError(
-                f"simulated controller: cannot listen on {host} port {port}: {why}; "
-                "its ports are fixed: give each controller its own address (127.0.0.2) or stop the other"
-            ) from error
-    return listeners
 
 
 RTDE_PORT, DASHBOARD_PORT, REALTIME_PORT = 30004, 29999, 30003
@@ -164,16 +147,24 @@ class URController(Part):
         self._listeners: dict[int, socket.socket] = {}
         self._selector = selectors.SelectSelector()
         self._connections: list[Connection] = []
-        self._sessions: dict[Connection, RtdeSession] = {}
         self._lock = threading.RLock()
 
         self._cycle = self._skipped = 0
         self._cpu_s = 0.0
 
     def start(self) -> None:
-        """Listen and run. Raises `InputError` if a port is in use."""
-        self._listeners = listen(self.host, (RTDE_PORT, DASHBOARD_PORT, *SCRIPT_PORTS))
-        for port, listener in self._listeners.items():
+        """Listen and run. Raises `InputError` if a port is in use or the address is not of this computer."""
+        for port in (RTDE_PORT, DASHBOARD_PORT, *SCRIPT_PORTS):
+            try:
+                listener = self._listeners[port] = socket.create_server((self.host, port), backlog=16)
+            except OSError as error:
+                self.stop()
+                why = os.strerror(error.errno or 0)
+                raise InputError(
+                    f"simulated controller: cannot listen on {self.host} port {port}: {why}; "
+                    "its ports are fixed: give each controller its own address (127.0.0.2) or stop the other"
+                ) from error
+            listener.setblocking(False)
             self._selector.register(listener, selectors.EVENT_READ, port)
         self._cycle = self._clock.now_ns() // CYCLE_NS
         super().start()
@@ -226,7 +217,7 @@ class URController(Part):
 
     def snapshot(self) -> dict[str, Any]:
         with self._lock:
-            robot = self.robot
+            robot, sessions = self.robot, [c.session for c in self._connections if c.session is not None]
             return {
                 "host": self.host,
                 "version": ".".join(map(str, robot.version[:3])),
@@ -234,8 +225,8 @@ class URController(Part):
                 "skipped_cycles": self._skipped,
                 "cpu_s": self._cpu_s,
                 "clients": len(self._connections),
-                "streams": sum(session.started for session in self._sessions.values()),
-                "ignored_packages": sum(session.ignored for session in self._sessions.values()),
+                "streams": sum(session.started for session in sessions),
+                "ignored_packages": sum(session.ignored for session in sessions),
                 "commands": {str(number): n for number, n in sorted(robot.commands.items())},
                 "program_running": robot.runtime.running,
                 "program_end": robot.runtime.last_error,
@@ -279,10 +270,10 @@ class URController(Part):
         frozen = self.faults.get("stream_frozen")
         if self._silent or (frozen is not None and not frozen["repeat"]):
             return
-        for connection, session in self._sessions.items():
-            if session.due(self._cycle):
+        for connection in self._connections:
+            if connection.session is not None and connection.session.due(self._cycle):
                 if not (connection.pending or (frozen and connection.last)):
-                    connection.last = session.data()
+                    connection.last = connection.session.data()
                 connection.send(connection.last, self.robot.time_ns, droppable=True)
         self._remove_closed()
 
@@ -301,7 +292,7 @@ class URController(Part):
         greeting = b""
         if port == RTDE_PORT:
             session = RtdeSession(self.robot.bank, self.robot.version, self.robot.write_inputs, self._refused)
-            self._sessions[connection], connection.feed = session, session.feed
+            connection.session, connection.feed = session, session.feed
         elif port == DASHBOARD_PORT:
             connection.feed, greeting = partial(self._feed_dashboard, LineReader()), BANNER.encode() + b"\n"
         else:
@@ -346,6 +337,5 @@ class URController(Part):
     def _remove_closed(self) -> None:
         for connection in [c for c in self._connections if c.closed]:
             self._connections.remove(connection)
-            self._sessions.pop(connection, None)
             self._selector.unregister(connection.socket)
             connection.socket.close()

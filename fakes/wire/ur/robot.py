@@ -448,7 +448,7 @@ class Robot:
         self._wrench: Vector6 = STILL
         self.runtime = Runtime()
         self._set_slider(1.0)
-        self.load(INSTALLED_KG, INSTALLED_COG_M)
+        self.load(INSTALLED_KG, *INSTALLED_COG_M)
         self._publish_pose()
         self._publish()
 
@@ -487,14 +487,11 @@ class Robot:
     def zero_force_sensor(self) -> None:
         self.force.zero(self._wrench)
 
-    def load(self, mass_kg: float, cog_m: tuple[float, ...] | None) -> None:
-        """Set the payload; None keeps the centre of gravity. Raises `ProgramError` for NaN or infinity."""
-        if not all(map(math.isfinite, (mass_kg, *(cog_m or ())))):
-            raise ProgramError(f"payload {mass_kg} kg, centre of gravity {cog_m}")
+    def load(self, mass_kg: float, *cog_m: float) -> None:
+        """Set the payload and, unless it is zero, its centre of gravity x, y, z."""
         self.bank.set("payload", mass_kg)
-        if cog_m is not None:
-            x, y, z = cog_m
-            self.bank.set("payload_cog", (x, y, z))
+        if any(cog_m):
+            self.bank.set("payload_cog", cog_m)
 
     def set_tool(self, flange_T_tcp: Frame) -> None:  # noqa: N803
         """Set the TCP. Raises `ProgramError` if it is further away than any tool."""

@@ -2,7 +2,10 @@
 
 import itertools
 import os
-from collections.abc import Callable
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 
 import numpy as np
 import pytest
@@ -43,6 +46,17 @@ def let_go_of_arms() -> None:
     """Disconnect all arms that `make_arm` has made."""
     while _made:
         _made.pop().disconnect()
+
+
+@contextmanager
+def running(script: str, controller: URController, *arguments: object) -> Iterator["subprocess.Popen[str]"]:
+    """Run a Python script with arguments: the controller's address, the slowness, and `arguments`."""
+    command = [sys.executable, "-c", script, controller.host, str(SLOWNESS), *map(str, arguments)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as program:
+        try:
+            yield program
+        finally:
+            program.kill()
 
 
 def agree(question: str) -> None:

@@ -7,7 +7,7 @@ faster than with supersampling. A printed calibration target, a flat sheet on a 
 """
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import lru_cache
 
 import cv2
@@ -65,7 +65,7 @@ _Texture = tuple[Image, NDArray[np.float64]]
 (x, z, 1) in m to texels, whose centres are integers."""
 
 
-@dataclass(slots=True, eq=False)
+@dataclass(eq=False)
 class MarkerScene:
     """Renders images of two markers on an object, with exact ground truth.
 
@@ -89,13 +89,6 @@ class MarkerScene:
     blur_px: float = 0.8
     noise_grey: float = 1.5
     k1: float = 0.0
-    _bench: Image = field(init=False)
-    _light: Image = field(init=False)
-    """Illumination of the bench, (H, W, 3) uint8, 255 at the brightest place."""
-    _noise: tuple[Image, Image] = field(init=False)
-    _rays: NDArray[np.float32] = field(init=False)
-    """Undistorted ray (x/z, y/z) of every pixel centre, (H, W, 2) float32."""
-    _textures: dict[int, _Texture] = field(init=False, default_factory=dict)
 
     def __post_init__(self) -> None:
         if not hasattr(cv2.aruco, self.dictionary):
@@ -103,7 +96,8 @@ class MarkerScene:
         rng, (width, height) = np.random.default_rng(self.unit_seed), self.size
         x, y = np.meshgrid(np.linspace(0, 1, width), np.linspace(0, 1, height))
         light = np.rint(255.0 * (1.0 - 0.14 * x - 0.10 * y)).astype(np.uint8)
-        self._light = np.repeat(light[..., None], 3, axis=2)
+        self._light: Image = np.repeat(light[..., None], 3, axis=2)
+        """Illumination of the bench, (H, W, 3) uint8, 255 at the brightest place."""
         self._bench = _draw_bench(self._light, rng)
         self._noise = _noise_fields(self.size, self.noise_grey, rng)
         grid = np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1)
@@ -112,6 +106,8 @@ class MarkerScene:
         for _ in range(30 if self.k1 else 0):
             rays = distorted / (1.0 + self.k1 * (rays**2).sum(axis=-1, keepdims=True))
         self._rays = rays.astype(np.float32)
+        """Undistorted ray (x/z, y/z) of every pixel centre, (H, W, 2) float32."""
+        self._textures: dict[int, _Texture] = {}
 
     @property
     def camera_matrix(self) -> NDArray[np.float64]:

@@ -7,7 +7,6 @@ simulated devices may read it; protocols, drivers and estimators get only what a
 import math
 import threading
 from collections import deque
-from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -44,7 +43,6 @@ _OFF_DIGITS = 6
 """Offsets of a grasp are rounded to this number of digits, to micrometres."""
 
 
-@dataclass(slots=True)
 class World:
     """Tool, fingers, object and contact, simulated in steps of 2 ms.
 
@@ -52,34 +50,14 @@ class World:
     of the variation of a lift. start_ns: bench time at which the world begins.
     """
 
-    layout: BenchLayout
-    seed: int
-    start_ns: int = 0
-    tool: ToolPath = field(init=False)
-    fingers: FingerPath = field(init=False)
-    model: ObjectModel | None = None
-    site: GraspSite | None = None
-    variation: LiftVariation = field(init=False)
-    _rng: np.random.Generator = field(init=False)
-    _slip: SlipDynamics | None = None
-    fixture: Fixture | None = None
-    damaged: bool = False
-    """Whether the fingers have marked the object. No sensor measures it."""
-    _slips_ns: list[tuple[int, int]] = field(default_factory=list)
-    _off_m: tuple[float, float] = (0.0, 0.0)
-    _grasp_height_m: float = 0.0
-    _grasp_tilt_rad: float = 0.0
-    _turned_by_hand: bool = False
-    _history: deque[WorldState] = field(init=False)
-    _lock: threading.RLock = field(default_factory=threading.RLock, init=False)
-
-    def __post_init__(self) -> None:
-        self._rng = np.random.default_rng(self.seed)
-        self.variation = LiftVariation.from_rng(self._rng)
-        self.tool = ToolPath.resting(self.layout.home)
-        self.fingers = FingerPath.resting(float(self.layout.open_counts))
-        first = WorldState(self.start_ns, 0.0, 0.0, tool_tilt(self.layout.home), 0.0, 0.0, 0.0, False)
+    def __init__(self, layout: BenchLayout, seed: int, start_ns: int = 0) -> None:
+        self.layout, self._lock = layout, threading.RLock()
+        self.tool = ToolPath.resting(layout.home)
+        self.fingers = FingerPath.resting(float(layout.open_counts))
+        self._off_m, self._grasp_height_m, self._grasp_tilt_rad = (0.0, 0.0), 0.0, 0.0
+        first = WorldState(start_ns, 0.0, 0.0, tool_tilt(layout.home), 0.0, 0.0, 0.0, False)
         self._history = deque([first], maxlen=HISTORY_STEPS)
+        self.place(None, seed)
 
     @property
     def grasp(self) -> Grasp | None:
@@ -103,12 +81,15 @@ class World:
         """
         with self._lock:
             if seed is not None:
-                self.seed = seed
-                self._rng = np.random.default_rng(seed)
+                self.seed, self._rng = seed, np.random.default_rng(seed)
                 self.variation = LiftVariation.from_rng(self._rng)
-            self.model, self.site, self._slip, self.fixture = model, None, None, None
+            self.model: ObjectModel | None = model
+            self.site: GraspSite | None = None
+            self.fixture: Fixture | None = None
+            self._slip: SlipDynamics | None = None
+            self._slips_ns: list[tuple[int, int]] = []
             self._turned_by_hand = self.damaged = False
-            self._slips_ns = []
+            """damaged: whether the fingers have marked the object. No sensor measures it."""
 
     def hold(
         self,

@@ -218,11 +218,10 @@ class FakesHost:
     def start(self) -> Addresses:
         """Start everything and return the addresses. Raises `InputError` if a port is in use."""
         sys.setswitchinterval(SWITCH_S)
-        try:
-            return self._start()
-        except BaseException:
-            self.stop()
-            raise
+        with ExitStack() as running:
+            addresses = self._start(running)
+            self._running = running.pop_all()
+        return addresses
 
     def stop(self) -> None:
         self._stopping.set()
@@ -237,20 +236,20 @@ class FakesHost:
         """Raise a `DeviceError` with the reason if a part of the fakes has ended."""
         _require_alive("fakes: a part has ended", *self._vital)
 
-    def _start(self) -> Addresses:
+    def _start(self, running: ExitStack) -> Addresses:
         wire, world, clock = self._wire, self._world, self._clock
         arm = self._arm = URController(world, clock, self._host, wire.polyscope)
         renderer = Renderer(self._plan, clock, snapshot_of(world, clock.now_ns()), self._host)
-        self._running.callback(renderer.stop)
+        running.callback(renderer.stop)
         if wire.rtu is not None:
             gripper = GripperRtu(world, clock, wire.rtu, fingers=wire.fingers)
         else:
             gripper = GripperServer(world, clock, self._host, preset=wire.preset, fingers=wire.fingers)
         for device in (arm, gripper):
             device.start()
-            self._running.callback(device.stop)
+            running.callback(device.stop)
         streams = renderer.answer()
-        self._devices = {"arm": arm, "gripper": gripper}
+        self._devices |= {"arm": arm, "gripper": gripper}
         self._devices |= {serial: _Stream(renderer, serial) for serial in streams}
         commands = {
             "place": self._place, "fault": self._fault, "world": self._state, "track": self._since,
@@ -263,12 +262,11 @@ class FakesHost:
         control = ControlServer(commands, self._host)
         where = gripper.device if isinstance(gripper, GripperRtu) else gripper.address
         self._served = {"arm": self._host, "gripper": where, **streams}
-        control.start()
-        self._running.callback(control.stop)
+        # the ticker may be blocked by cameras that read nothing more; their process ends after it
         ticker = Part("world of the fakes", lambda: self._tick(renderer))
-        ticker.start()
-        # it may be blocked by cameras that read nothing more, whose process ends after it
-        self._running.callback(ticker.stop)
+        for part in (control, ticker):
+            part.start()
+            running.callback(part.stop)
         self._vital = [arm, gripper, control, ticker]
         return Addresses(self._host, where, streams, control.address)
 

@@ -189,7 +189,7 @@ class URController(Part):
                 case "clear":
                     robot.safety.release_button()
                 case "protective_stop":
-                    robot.protective_stop()
+                    robot.safety.protective_stop(robot.time_ns)
                 case "emergency_stop":
                     robot.safety.emergency_stop()
                 case "program_killed":

@@ -534,9 +534,6 @@ class Robot:
         """Fraction of its speed at which a motion runs: that of the slider while a program runs."""
         return self._slider if self.runtime.running else 1.0
 
-    def protective_stop(self) -> None:
-        self.safety.protective_stop(self.time_ns)
-
     def cycle(self, time_ns: int) -> None:
         """Run one control cycle at its nominal time."""
         before, before_ns = self.body.flange, self.time_ns
@@ -571,7 +568,7 @@ class Robot:
         try:
             return self.body.step(CYCLE_S, self.speed_scale) or was_moving
         except (OutOfReachError, ArithmeticError, ValueError):  # the motion is beyond the arm
-            self.protective_stop()
+            self.safety.protective_stop(self.time_ns)
             self.body.mover = None
             return True
 

@@ -14,10 +14,11 @@ import pytest
 from drivers.clock import to_ns
 from drivers.errors import DeviceError, InputError
 from fakes.objects.catalogue import find_object
-from fakes.wire.gripper.server import GripperRtu, GripperServer
+from fakes.wire.gripper.server import GripperModel
 from fakes.wire.host.host import Addresses
 from fakes.wire.net import Control, ControlServer, require_free, taken_ports
 from fakes.world.mirror import MirroredWorld, Track, snapshot_of
+from fakes.world.world import World
 from rig.bench.assembly import build_real_bench
 from rig.bench.fakes_process import addressed, fakes_control, hosted_fakes
 from rig.bench.twins import laid_as
@@ -176,8 +177,12 @@ def test_printed_bench_file_is_read_back_with_its_addresses(transport: str, tmp_
 def test_gripper_is_served_as_configured_in_the_bench_file(
     gripper: dict[str, Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    for server in (GripperServer, GripperRtu):
-        monkeypatch.setattr(f"fakes.wire.host.host.{server.__name__}", _soon_activated(server))
+    def soon_activated(
+        world: World, now_ns: int, fingers: tuple[str, ...], activation_s: float
+    ) -> GripperModel:
+        return GripperModel(world, now_ns, fingers, activation_s=0.1)
+
+    monkeypatch.setattr("fakes.wire.gripper.server.GripperModel", soon_activated)
     config = _with_gripper(**gripper)
     fingers = [{"finger": name} for name in config.gripper.fingers]
     tactile = tuple(t.model_copy(update=f) for t, f in zip(config.tactile, fingers, strict=True))
@@ -201,16 +206,6 @@ def test_invalid_version_string_is_rejected() -> None:
         hosted_fakes(load_bench("wire"), host=None, polyscope="latest"),
     ):
         pass
-
-
-def _soon_activated(server: type[Any]) -> type[Any]:
-    """The same gripper, without the three seconds that its activation takes."""
-
-    class Quick(server):  # type: ignore[misc]
-        def __init__(self, *arguments: Any, **more: Any) -> None:
-            super().__init__(*arguments, **more, activation_s=0.1)
-
-    return Quick
 
 
 def _with_gripper(**changes: Any) -> BenchConfig:

@@ -54,15 +54,10 @@ class World:
         self.layout, self._lock = layout, threading.RLock()
         self.tool = ToolPath.resting(layout.home)
         self.fingers = FingerPath.resting(float(layout.open_counts))
-        self._off_m, self._grasp_height_m, self._grasp_tilt_rad = (0.0, 0.0), 0.0, 0.0
+        self._grasp_height_m = self._grasp_tilt_rad = 0.0
         first = WorldState(start_ns, 0.0, 0.0, tool_tilt(layout.home), 0.0, 0.0, 0.0, False)
         self._history = deque([first], maxlen=HISTORY_STEPS)
         self.place(None, seed)
-
-    @property
-    def grasp(self) -> Grasp | None:
-        """The grasp of the held object; None if nothing is held."""
-        return None if self.site is None else Grasp(self.site, self._off_m)
 
     def lay(self, text: str, seed: int | None = None) -> None:
         """Place an object on the table or mount a target, as the operator would.
@@ -84,7 +79,7 @@ class World:
                 self.seed, self._rng = seed, np.random.default_rng(seed)
                 self.variation = LiftVariation.from_rng(self._rng)
             self.model: ObjectModel | None = model
-            self.site: GraspSite | None = None
+            self.grasp: Grasp | None = None
             self.fixture: Fixture | None = None
             self._slip: SlipDynamics | None = None
             self._slips_ns: list[tuple[int, int]] = []
@@ -119,7 +114,7 @@ class World:
 
     def squeeze_at(self, time_ns: int) -> float:
         """Return how far the fingers are closed beyond the object's surface, m; 0 without contact."""
-        site = self.site or self._reachable_site(time_ns)
+        site = self.grasp.site if self.grasp else self._reachable_site(time_ns)
         if site is None:
             return 0.0
         width = site.width_m + (0.0 if site.contact.exact else self.variation.width_error_m)
@@ -134,9 +129,9 @@ class World:
         """Return the state at `time_ns` and the load on the grip; None if nothing is held."""
         with self._lock:
             state = self._state_at(time_ns)
-            if not state.held or self.model is None or self.site is None:
+            if not state.held or self.model is None or self.grasp is None:
                 return None
-            return state, self._load(self.model, self.site, state.force_n)
+            return state, self._load(self.model, self.grasp.site, state.force_n)
 
     def object_pose_at(self, time_ns: int) -> Pose:
         """Return `base_T_object`: origin at the centre of mass, x along the object, z up."""
@@ -181,32 +176,32 @@ class World:
         wrist = self.tool.tilt_at(time_ns)
         squeeze = self.squeeze_at(time_ns)
         if squeeze <= 0.0 or self.model is None:
-            self.site, self._slip = None, None
+            self.grasp, self._slip = None, None
             return WorldState(time_ns, 0.0, 0.0, wrist, 0.0, 0.0, 0.0, False)
         if self._slip is None:
             self._close_on_object(time_ns, wrist)
         return self._held(time_ns, squeeze, wrist)
 
     def _close_on_object(self, time_ns: int, wrist_rad: float) -> None:
-        self.site = self._reachable_site(time_ns)
+        site = self._reachable_site(time_ns)
         self._slip = SlipDynamics(self._rng, creep_rad=math.radians(self._rng.uniform(0.0, 0.3)))
         x, _, z = self.tool.position_at(time_ns)
         table_x, _, table_z = self.layout.base_T_table.position_m
-        middle_x = table_x + (self.site.offset_m if self.site else 0.0)
-        self._off_m = round(x - middle_x, _OFF_DIGITS), round(z - table_z, _OFF_DIGITS)
-        self._grasp_height_m = z
-        self._grasp_tilt_rad = wrist_rad
+        if site is not None:
+            off_m = round(x - (table_x + site.offset_m), _OFF_DIGITS), round(z - table_z, _OFF_DIGITS)
+            self.grasp = Grasp(site, off_m)
+        self._grasp_height_m, self._grasp_tilt_rad = z, wrist_rad
 
     def _held(self, time_ns: int, squeeze_m: float, wrist_rad: float) -> WorldState:
-        slip, model, site = self._slip, self.model, self.site
-        if slip is None or model is None or site is None:
+        slip, model, grasp = self._slip, self.model, self.grasp
+        if slip is None or model is None or grasp is None:
             raise DeviceError("simulated world: an object is held, but not at a grasp site")
         height = max(0.0, self.tool.position_at(time_ns)[2] - self._grasp_height_m)
         loaded = min(height / 0.015, 1.0)
         sway = SWAY * loaded * math.sin(2 * math.pi * 0.9 * time_ns / NS_PER_S + self.variation.sway_phase)
         force = FINGER_STIFFNESS_N_M * squeeze_m * (1.0 + self.variation.force_shift * loaded + sway)
         self.damaged |= model.marked_above_n is not None and force > model.marked_above_n
-        slip.step(self._load(model, site, force), height, STEP_NS / NS_PER_S)
+        slip.step(self._load(model, grasp.site, force), height, STEP_NS / NS_PER_S)
         if slip.slipping or slip.fallen:
             goes_on = self._slips_ns and self._slips_ns[-1][1] == time_ns - STEP_NS
             began_ns = self._slips_ns.pop()[0] if goes_on else time_ns

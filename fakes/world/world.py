@@ -114,7 +114,8 @@ class World:
 
     def squeeze_at(self, time_ns: int) -> float:
         """Return how far the fingers are closed beyond the object's surface, m; 0 without contact."""
-        site = self.grasp.site if self.grasp else self._reachable_site(time_ns)
+        grasp = self.grasp  # read once: another thread may replace it
+        site = grasp.site if grasp else self._reachable_site(time_ns)
         if site is None:
             return 0.0
         width = site.width_m + (0.0 if site.contact.exact else self.variation.width_error_m)

@@ -92,7 +92,7 @@ class AngleRow:
 def score_scene(scene: AngleScene, seed: tuple[int, ...]) -> AngleRow:
     pictures = MarkerPictures(scene.side_px, scene.tilt_deg, scene.blur_px, scene.noise_grey)
     rng = np.random.default_rng(seed)
-    camera = CameraModel(pictures.size, pictures.camera_matrix, pictures.distortion)
+    camera = CameraModel(pictures.scene.size, pictures.scene.camera_matrix, pictures.scene.distortion)
     angle = MarkerAngle(MarkerTracker(pictures.ids, pictures.dictionary), camera)
     angle.take_reference([_compressed(pictures.draw(0.0, rng), scene) for _ in range(_REFERENCE)])
     share = np.clip(np.arange(_FRAMES) - _AT_REST, 0, None) / (_FRAMES - _AT_REST)

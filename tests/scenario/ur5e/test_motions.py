@@ -25,7 +25,7 @@ from protocols.steps import move
 from support.benches import NOISE_M
 from support.marks import long
 from support.slow_motion import CLOCK, SLOWNESS
-from support.ur5e import agree, make_arm, stands
+from support.ur5e import agree, make_arm, refuse, stands
 from support.waiting import until
 from support.worlds import HOME
 
@@ -164,9 +164,6 @@ def test_different_tool_on_the_controller_is_overwritten_only_after_a_question(
     assert controller.robot.bank.get("payload") == installed
     with pytest.raises(DeviceError, match=r"2\.500 kg instead of 1\.800 kg"):
         arm.move_linear(HOME.translated(z_m=-0.01), 0.1, 1.0)
-
-    def refuse(question: str) -> None:
-        raise OperatorStopError(question)
 
     with pytest.raises(
         OperatorStopError, match=r"payload 2\.500 kg instead of 1\.800 kg.*should the rig set it"

@@ -50,7 +50,7 @@ def refusal(answer: Callable[[], object]) -> str:
 def marker_angle(
     pictures: MarkerPictures, ids: tuple[int, int] = (0, 1), dictionary: str = "DICT_4X4_50"
 ) -> MarkerAngle:
-    camera = CameraModel(pictures.size, pictures.camera_matrix, pictures.distortion)
+    camera = CameraModel(pictures.scene.size, pictures.scene.camera_matrix, pictures.scene.distortion)
     angle, draws = MarkerAngle(MarkerTracker(ids, dictionary), camera), rng()
     angle.take_reference([pictures.draw(0.0, draws) for _ in range(12)])
     return angle

@@ -19,7 +19,7 @@ NEAR = MarkerPictures(side_px=40.0, tilt_deg=15.0)
 
 
 def angle_of(pictures: MarkerPictures, refine: Refine = refine_quick) -> MarkerAngle:
-    camera = CameraModel(pictures.size, pictures.camera_matrix, pictures.distortion)
+    camera = CameraModel(pictures.scene.size, pictures.scene.camera_matrix, pictures.scene.distortion)
     return MarkerAngle(MarkerTracker(pictures.ids, pictures.dictionary, refine=refine), camera)
 
 

@@ -368,8 +368,6 @@ LIFTS_PER_SEED = 1000  # seed n draws the lifts from 1000 n on
 
 @dataclass(frozen=True, slots=True)
 class RendererOptions:
-    """Options of `rig benchmark renderer`."""
-
     estimator: list[str] | None = option(
         None,
         "Repeat for more, also your own as package.module:Class; limits are for the first. Default: slip.",
@@ -396,9 +394,7 @@ def measure(options: RendererOptions, run: Run) -> Report:
 
     Examples:
       rig benchmark renderer
-
       rig benchmark renderer --estimator slip --estimator ecc --lifts 16 --json
-
     """
     choices = [choose_estimator(name) for name in options.estimator or ["slip"]]
     first = LIFTS_PER_SEED * run.seed

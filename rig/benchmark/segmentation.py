@@ -58,8 +58,6 @@ PANELS, PANEL_COUNT = Path("aurova_figures") / "panels", 9
 
 @dataclass(frozen=True, slots=True)
 class SegmentationOptions:
-    """Options of `rig benchmark segmentation`."""
-
     model: list[str] | None = option(
         None,
         "Network of rig train or rig model import to add or to replace, as NAME=FILE (NAME: pspnet, "
@@ -84,8 +82,6 @@ class Panels:
 
 @dataclass(frozen=True, slots=True)
 class MeanStd:
-    """Mean and standard deviation over frames."""
-
     mean: float
     std: float
 
@@ -121,8 +117,6 @@ class MethodScore:
 
 @dataclass(frozen=True, slots=True)
 class MethodTime:
-    """Run time of a method."""
-
     method: str = column("method")
     size_px: str | None = column("network's input, px", doc="width x height")
     frame_ms: float = column("frame in to mask out, ms", ".2f", "median")
@@ -140,13 +134,9 @@ def measure(options: SegmentationOptions, run: Run) -> Report:
 
     Examples:
       rig benchmark segmentation
-
       rig benchmark segmentation --frames 1000 --out segmentation --json
-
       rig benchmark segmentation --model unetplusplus=runs/unetplusplus_D_s3/model.onnx
-
       rig benchmark segmentation --presses D20641 --presses D20654
-
     """
     given = parse_models(options.model or [], (*NETWORKS, OURS))
     shipped = {name: name for name in SHIPPED}

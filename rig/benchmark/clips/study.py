@@ -251,8 +251,6 @@ def _fraction(values: Sequence[bool]) -> float | None:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ClipRun:
-    """One estimator on one clip."""
-
     clip: LabelledClip
     estimate: Estimate  # angles relative to the clip's reference
     labels: tuple[JudgedLabel, ...]  # labels with the angles at their frames
@@ -341,15 +339,10 @@ def measure(options: ClipsOptions, run: Run) -> Report:
 
     Examples:
       rig benchmark clips clips/ --out clips_page
-
       rig benchmark clips octopi/ --set octopi --estimator slip
-
       rig benchmark clips TactileTracking/ --estimator slip --out tracking_page
-
       rig benchmark clips clips/ --estimator slip --groups groups.csv --group indoors --json
-
       rig benchmark clips clips/ --estimator slip --augment mirror,flip,reverse
-
     """
     cv2.setNumThreads(1)
     choices = [choose_estimator(name) for name in options.estimator or ESTIMATORS]

@@ -209,8 +209,6 @@ class Spread:
 
 @dataclass(frozen=True, slots=True)
 class Timing:
-    """Run time of one estimator."""
-
     contact: Spread  # from frame to angle, on frames with contact
     stages: dict[str, Spread]  # of each stage on these frames
     frames: int  # number of all frames
@@ -219,8 +217,6 @@ class Timing:
 
 @dataclass(frozen=True, slots=True)
 class TimingReport:
-    """Everything timed in one pass."""
-
     size_px: tuple[int, int]  # width and height of the frames
     contenders: dict[str, Timing]
     published: Spread  # the published second stage, stretched mask to angle

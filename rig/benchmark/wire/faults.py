@@ -250,8 +250,6 @@ class _TimedArm:
 
 @dataclass(frozen=True, slots=True)
 class FaultsOptions:
-    """Options of `rig benchmark faults`."""
-
     cases: list[str] | None = option(None, "Only cases whose name contains this; repeat for more.", "--case")
     bench: str = option("wire", "wire, or the path of a bench file whose \\[fakes] are started for it.")
 
@@ -265,11 +263,8 @@ def measure(options: FaultsOptions, run: Run) -> Report:
 
     Examples:
       rig benchmark faults
-
       rig benchmark faults --case arm --case "gripper: silent" --json
-
       rig benchmark faults --bench slow.toml
-
     """
     bench = load_bench(options.bench)
     if bench.fakes is None or bench.fakes.control is not None:

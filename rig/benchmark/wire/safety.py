@@ -241,8 +241,6 @@ class _Place:
 
 @dataclass(frozen=True, slots=True)
 class SafetyOptions:
-    """Options of `rig benchmark safety`."""
-
     full: bool = option(False, "Each event once in every stage: 102 runs, about 30 minutes.")
 
 
@@ -258,11 +256,8 @@ def measure(options: SafetyOptions, run: Run) -> Report:
 
     Examples:
       rig benchmark safety
-
       rig benchmark safety --full --out safety --json
-
       rig benchmark safety --full --out safety --resume --readme docs/measurements.md
-
     """
     runs = run_safety(run, plan_runs(run.seed, options.full))
     table, limits = safety_table(runs), judge_runs(runs)

@@ -11,7 +11,6 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from itertools import islice
 
 import cv2
 import numpy as np
@@ -339,8 +338,9 @@ def drawn_lift(seed: int) -> KnownLift:
     course, name = draw_course(seed), f"{kind_of(seed)}/{seed}"
 
     def tip(number: int) -> SessionSeries:
-        empty = [of.image for of in islice(frames(seed, number), BACKGROUND_FRAMES) if of.image is not None]
-        series = FrameSeries(name, lambda: islice(frames(seed, number), BACKGROUND_FRAMES, None))
+        drawn = list(frames(seed, number))
+        empty = [of.image for of in drawn[:BACKGROUND_FRAMES] if of.image is not None]
+        series = FrameSeries(name, lambda: iter(drawn[BACKGROUND_FRAMES:]))
         return SessionSeries(name, str(number), SIGNS[number], 1.0, mean_background(empty), series)
 
     tips = {str(number): tip(number) for number in range(len(SIGNS))}

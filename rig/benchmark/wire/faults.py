@@ -38,8 +38,7 @@ LATE = (Stage.HOLD, Stage.LOWER, Stage.RELEASE)
 
 def _reconnect(name: str, kind: str) -> Event:
     """Return a fault of the arm that only shows when its sockets are opened again."""
-    faults = (("arm", kind, {}), ("arm", "socket_dropped", {}))
-    return Event(name, faults=faults, named="arm", mended_after=2)
+    return Event(name, faults=(("arm", kind, {}), ("arm", "socket_dropped", {})), named="arm", mended_after=2)
 
 
 CASES = (

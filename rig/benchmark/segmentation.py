@@ -188,7 +188,8 @@ def read_panels(folder: Path) -> Examples:
     """Read the labelled real frames of a folder. Raises `InputError` for a damaged file."""
     numbers = range(1, PANEL_COUNT + 1)
     frames = [read_image(folder / f"{number}_raw.png") for number in numbers]
-    labels = [read_image(folder / f"{number}_label.png").max(axis=2) for number in numbers]
+    read = [read_image(folder / f"{number}_label.png").max(axis=2) for number in numbers]
+    labels = [np.where(label > 127, 255, 0).astype(np.uint8) for label in read]
     if any(frame.shape[:2] != label.shape for frame, label in zip(frames, labels, strict=True)):
         raise InputError(f"{folder}: a label and its frame differ in size: copy the folder again")
     return _real_examples(frames, labels, auto_background(frames))

@@ -39,7 +39,7 @@ from rig.training.lifts import (
     stacked_views,
     stored_lifts,
 )
-from rig.training.loop import EpochReport, fit
+from rig.training.loop import Report, fit
 from rig.training.networks import declare_missing_operators
 
 WHY = "angles are learnt from lifts"
@@ -50,6 +50,7 @@ TITLES = {TOSKOV: "Toskov et al. (wrench, GRU)", ANGLENET: f"AngleNet ({BACKBONE
 LIFTS = {TOSKOV: 120, ANGLENET: 5}
 EPOCHS = {TOSKOV: 120, ANGLENET: 8}
 """Default numbers of simulated training lifts per object, and of epochs."""
+SHOWN = "{epoch}, loss {loss:.2f} deg, validation {error:.2f} deg"  # after an epoch
 MOST_DIFFERENCE_DEG, MOST_DIFFERENCE_HALF_DEG = 0.01, 0.2
 """Largest accepted difference between the angles of a network and of its file, in full and half precision."""
 
@@ -80,19 +81,14 @@ class Split(NamedTuple):
     test: tuple[str, ...]
 
 
-def train_angles(out: Path, settings: AngleSettings, report: export.Report) -> dict[str, Any]:
+def train_angles(out: Path, settings: AngleSettings, report: Report) -> dict[str, Any]:
     """Train one network; write model and card into the folder, and return the card.
 
     Raises `InputError` if the folder is not empty or cannot be made, or if the sessions cannot be split.
     """
-
-    def show(epoch: int, loss: float, error: float) -> None:
-        done = f"{settings.name}: epoch {epoch} of {settings.epochs}"
-        report(f"{done}, loss {loss:.2f} deg, validation {error:.2f} deg", epoch / settings.epochs)
-
     export.claim(out, settings.threads)
     train = _train_wrist if settings.name == TOSKOV else _train_angle_net
-    network, split, result = train(out, settings, report, show)
+    network, split, result = train(out, settings, report)
     card = {
         "name": settings.name,
         "title": TITLES[settings.name],
@@ -137,11 +133,11 @@ Trained = tuple[nn.Module, Split, dict[str, object]]
 """A network, the objects, and further entries of its card."""
 
 
-def _train_wrist(out: Path, settings: AngleSettings, report: export.Report, show: EpochReport) -> Trained:
+def _train_wrist(out: Path, settings: AngleSettings, report: Report) -> Trained:
     lifts = [(lift.object_id, lift.steps()) for lift in _lifts(settings, report, None)]
     split = _split([name for name, _ in lifts], settings)
     train, validation, test = (sequences([steps for name, steps in lifts if name in ids]) for ids in split)
-    network, errors = train_wrist(train, validation, settings.epochs, settings.seed, show)
+    network, errors = train_wrist(train, validation, settings.epochs, settings.seed, report)
     export_wrist(network, out / export.MODEL)
     card: dict[str, object] = {
         "lifts": dict(zip(Split._fields, map(len, (train, validation, test)), strict=True)),
@@ -152,13 +148,13 @@ def _train_wrist(out: Path, settings: AngleSettings, report: export.Report, show
     return network, split, card
 
 
-def _train_angle_net(out: Path, settings: AngleSettings, report: export.Report, show: EpochReport) -> Trained:
+def _train_angle_net(out: Path, settings: AngleSettings, report: Report) -> Trained:
     seen = [view for lift in _lifts(settings, report, SIGHT_HZ) for view in lift.views(SIZE)]
     views = stacked_views(seen, "the sessions" if settings.sessions else "simulated lifts")
     split = _split(views.objects, settings)
     train, validation, test = parts = [views.of(ids) for ids in split]
     augment = not settings.on_test_lifts
-    network, errors = train_angle_net(train, validation, settings.epochs, settings.seed, augment, show)
+    network, errors = train_angle_net(train, validation, settings.epochs, settings.seed, augment, report)
     files = {"fp32": out / export.MODEL, "fp16": out / export.HALF}
     export_angle_net(network, *files.values())
     spread = float(np.abs(test.angle_deg).mean())
@@ -172,7 +168,7 @@ def _train_angle_net(out: Path, settings: AngleSettings, report: export.Report, 
     return network, split, card
 
 
-def _lifts(settings: AngleSettings, report: export.Report, sight_hz: float | None) -> Iterator[LearntLift]:
+def _lifts(settings: AngleSettings, report: Report, sight_hz: float | None) -> Iterator[LearntLift]:
     """Yield the lifts of the sessions or, without any, simulated lifts of all objects."""
     if settings.sessions:
         yield from stored_lifts(settings.sessions)
@@ -219,7 +215,7 @@ class AngleNet(nn.Module):
 
 
 def train_angle_net(
-    train: GelViews, validation: GelViews, epochs: int, seed: int, augment: bool, report: EpochReport
+    train: GelViews, validation: GelViews, epochs: int, seed: int, augment: bool, report: Report
 ) -> tuple[AngleNet, list[float]]:
     """Train; return the network of the best epoch, and the validation error of each epoch.
 
@@ -237,7 +233,8 @@ def train_angle_net(
         return functional.l1_loss(found, torch.tensor([angle for _, angle in seen]))
 
     validate = partial(views_error_deg, network, validation)
-    return network, fit(network, epochs, BATCH, RATE, len(train), loss, validate, report)
+    shown = f"{ANGLENET}: {SHOWN}"
+    return network, fit(network, epochs, BATCH, RATE, len(train), loss, validate, report, shown)
 
 
 def views_error_deg(network: AngleNet, views: GelViews) -> float:
@@ -332,7 +329,7 @@ def sequences(lifts: Sequence[NDArray[np.float32]]) -> torch.Tensor:
 
 
 def train_wrist(
-    train: torch.Tensor, validation: torch.Tensor, epochs: int, seed: int, report: EpochReport
+    train: torch.Tensor, validation: torch.Tensor, epochs: int, seed: int, report: Report
 ) -> tuple[WrenchNetwork, list[float]]:
     """Train; return the network of the best epoch, and the validation error of each epoch.
 
@@ -349,7 +346,8 @@ def train_wrist(
         return (weight * (found - side * angle).abs()).sum() / weight.sum()
 
     validate = partial(wrist_error_deg, network, validation)
-    return network, fit(network, epochs, WRIST_BATCH, WRIST_RATE, len(train), loss, validate, report)
+    shown, many = f"{TOSKOV}: {SHOWN}", len(train)
+    return network, fit(network, epochs, WRIST_BATCH, WRIST_RATE, many, loss, validate, report, shown)
 
 
 def wrist_error_deg(network: WrenchNetwork, steps: torch.Tensor) -> float:

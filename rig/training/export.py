@@ -1,7 +1,6 @@
 """The output of a training: a model card, and the network as ONNX in full, half and 8-bit precision."""
 
 import warnings
-from collections.abc import Callable
 from hashlib import sha256
 from pathlib import Path
 
@@ -24,9 +23,6 @@ INPUT, OUTPUT = "planes", "logits"
 CALIBRATION_FRAMES = 96
 MOST_DIFFERENCE = 1e-4
 """Largest accepted difference between the library's logits and those of its ONNX file."""
-
-Report = Callable[[str, float], None]
-"""Takes the progress of a training: a description, and the finished share of what it describes."""
 
 
 def claim(out: Path, threads: int | None) -> None:

@@ -18,8 +18,8 @@ from rig.training.examples import Examples
 from rig.training.networks import Architecture, build_network
 
 LARGEST_GRADIENT = 1.0
-EpochReport = Callable[[int, float, float], None]
-"""Takes the epoch, its mean loss, and the mean absolute validation error in the unit of the output."""
+Report = Callable[[str, float], None]
+"""Takes the progress of a training: a description, and the finished share of what it describes."""
 
 
 def fit(
@@ -30,12 +30,14 @@ def fit(
     examples: int,
     loss: Callable[[torch.Tensor], torch.Tensor],
     error: Callable[[], float],
-    report: EpochReport,
+    report: Report,
+    shown: str,
 ) -> list[float]:
     """Fit in place, restore the weights of the best epoch, and return the error of each epoch.
 
     rate: peak of the one-cycle schedule (Smith 2018). examples: their number. loss: of the examples at some
-    indices. error: on the validation lifts, with the current weights.
+    indices. error: on the validation lifts, with the current weights. shown: the text that is reported after
+    an epoch, with places for `epoch`, its mean `loss`, and `error`.
     """
     steps = -(-examples // batch)
     optimizer = torch.optim.AdamW(network.parameters(), lr=rate, weight_decay=0.01)
@@ -51,7 +53,8 @@ def fit(
         errors.append(error())
         if errors[-1] <= min(errors):
             best = deepcopy(network.state_dict())
-        report(epoch, float(np.mean(losses)), errors[-1])
+        text = shown.format(epoch=f"epoch {epoch} of {epochs}", loss=float(np.mean(losses)), error=errors[-1])
+        report(text, epoch / epochs)
     network.load_state_dict(best)
     return errors
 

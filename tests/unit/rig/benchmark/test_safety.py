@@ -18,7 +18,7 @@ from drivers.clock import to_ns
 from drivers.errors import InputError
 from rig.benchmark.harness import Run
 from rig.benchmark.wire import campaign, safety
-from rig.benchmark.wire.campaign import Moment, PlannedRun, Stage, TrueState
+from rig.benchmark.wire.campaign import PlannedRun, Stage, TrueState
 from rig.benchmark.wire.safety import BY_NAME, EVENTS, SafetyRun, plan_runs, run_safety
 
 GRASP_M = 0.06
@@ -92,17 +92,17 @@ def test_stages_follow_one_another_and_waiting_for_one_ends_with_the_lift() -> N
         worlds.append({"tool_m": (0.0, 0.0, z_m), "tool_moving": moving, "held": held, "now_ns": 1})
         stage = campaign.next_stage(stage, worlds[-1], GRASP_M)
         assert stage is expected
-    hold, course, left = Moment(Stage.HOLD, 0.0), iter(worlds), [3, 2, 1, 0]
-    assert campaign.wait_for(hold, GRASP_M, lambda _: next(course), lambda: False) is Stage.HOLD
-    assert campaign.wait_for(hold, GRASP_M, lambda _: worlds[0], lambda: not left.pop(0)) is None
+    hold, course, left = (Stage.HOLD, 0.0, GRASP_M), iter(worlds), [3, 2, 1, 0]
+    assert campaign.wait_for(*hold, lambda _: next(course), lambda: False) is Stage.HOLD
+    assert campaign.wait_for(*hold, lambda _: worlds[0], lambda: not left.pop(0)) is None
 
 
 def test_plain_plan_has_each_event_once_and_full_plan_has_it_once_per_stage() -> None:
     plain, full = plan_runs(0, full=False), plan_runs(0, full=True)
     assert Counter(run.event.name for run in plain) == Counter(event.name for event in EVENTS)
-    assert {run.moment.stage for run in plain} == set(Stage)
-    assert all(0.0 <= run.moment.after_s <= campaign.LASTS_S[run.moment.stage] for run in plain)
-    cells = Counter((run.event.name, run.moment.stage) for run in full)
+    assert {run.stage for run in plain} == set(Stage)
+    assert all(0.0 <= run.after_s <= campaign.LASTS_S[run.stage] for run in plain)
+    cells = Counter((run.event.name, run.stage) for run in full)
     assert set(cells.values()) == {1}
     assert len(cells) == len(EVENTS) * len(Stage)
     assert [run.number for run in full] == [*range(1, len(full) + 1)]

@@ -11,9 +11,7 @@ from numpy.typing import NDArray
 
 from rig.benchmark.estimators import contenders
 from rig.results.scores import is_confidently_wrong, score_series
-from rig.tactile.contact.finder import ContactFinder
 from rig.tactile.estimators import choose_estimator
-from rig.tactile.paper.published import ANGLES
 from rig.tactile.sample import SlipSample, State
 
 Image = NDArray[np.uint8]
@@ -93,14 +91,6 @@ def test_windows_after_one_pass_equal_the_estimator_run_with_that_window(
     expected = [whole.update(frame, i * FRAME_NS).angle_deg for i, frame in enumerate(frames)]
     window = 2 if name not in ("slip", "ecc") else 1
     assert [s.angle_deg for s in contenders.filtered(name, samples, window)] == expected
-
-
-def test_estimators_with_a_shared_contact_give_the_same_angles(press: Press, blank: Image) -> None:
-    finder = contenders.SharedContact(ContactFinder(blank))
-    for frame in (press(10), press(20)):
-        for angle in ANGLES.values():
-            alone = contenders.ScriptPass(ContactFinder(blank), angle).update(frame, 0).angle_deg
-            assert contenders.ScriptPass(finder, angle).update(frame, 0).angle_deg == alone
 
 
 @given(

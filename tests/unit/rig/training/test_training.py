@@ -35,29 +35,26 @@ def examples():
     return simulated_examples(["1", "7"], 48, 0, (128, 160), family=True)
 
 
+def trained(epochs: int, seed: int) -> Training:
+    return Training(OURS, "resnet18", (96, 80), Schedule(epochs, 16, 4e-3, True), seed)
+
+
 def test_training_lowers_the_loss(examples, tmp_path: Path) -> None:
-    training = Training(OURS, "resnet18", (96, 80), Schedule(6, 16, 4e-3, True), 0)
+    training = trained(6, 0)
     training.run(examples, examples, tmp_path / "state.pt")
-    losses = [epoch.loss for epoch in training.history]
-    assert losses[-1] < 0.8 * losses[0]
+    assert training.history[-1].loss < 0.8 * training.history[0].loss
 
 
-def test_a_training_continued_after_a_stop_ends_as_one_that_was_not_stopped(examples, tmp_path: Path) -> None:
-    schedule = Schedule(2, 16, 4e-3, True)
-    whole = Training(OURS, "resnet18", (96, 80), schedule, 3)
+def test_training_continued_after_a_stop_ends_as_one_that_was_not_stopped(examples, tmp_path: Path) -> None:
+    whole, first, second = (trained(2, 3) for _ in range(3))
     whole.run(examples, examples, tmp_path / "whole.pt")
-
-    class StoppedError(Exception):
-        pass
 
     def stop(epoch: object, _: float) -> None:
         if epoch is not None:
-            raise StoppedError
+            raise InterruptedError
 
-    first = Training(OURS, "resnet18", (96, 80), schedule, 3)
-    with pytest.raises(StoppedError):
+    with pytest.raises(InterruptedError):
         first.run(examples, examples, tmp_path / "cut.pt", stop)
-    second = Training(OURS, "resnet18", (96, 80), schedule, 3)
     second.load(tmp_path / "cut.pt")
     second.run(examples, examples, tmp_path / "cut.pt")
     assert [e.number for e in second.history] == [1, 2]
@@ -136,14 +133,8 @@ def test_checkpoints_that_do_not_fit_are_refused(tmp_path: Path) -> None:
     torch.save([1, 2], tmp_path / "list.pth")
     torch.save({"state_dict": {}}, tmp_path / "empty.pth")
     (tmp_path / "cut.pth").write_bytes((tmp_path / "unet.pth").read_bytes()[:1000])
-    said_of = {
-        "unet": "--arch",
-        "list": "list",
-        "empty": "no weights",
-        "cut": "not a complete",
-        "none": "no such",
-    }
-    for name, said in said_of.items():
+    wrong = {"unet": "--arch", "list": "list", "empty": "no weights", "cut": "complete", "none": "no such"}
+    for name, said in wrong.items():
         with pytest.raises(InputError, match=said):
             load_weights(build_network(PSPNET), tmp_path / f"{name}.pth")
 

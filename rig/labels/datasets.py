@@ -167,18 +167,14 @@ def _session_files(session: Path) -> list[LabelledFile]:
     for pose in read_poses(session):
         for taken in pose.images if pose.accepted else ():
             image, group = session / taken.file, f"{session}/{taken.serial}"
-            background, mask = session / reference_file(taken.serial), session / true_mask_file(image.stem)
-            files.append(
-                LabelledFile(
-                    image,
-                    manifest.objects[0],
-                    group,
-                    background,
-                    simulated=True,
-                    label=lambda shape, mask=mask: contact_label(_png_label(mask, shape)),
-                )  # fmt: skip
-            )
+            background = session / reference_file(taken.serial)
+            label = partial(_session_label, session / true_mask_file(image.stem))
+            files.append(LabelledFile(image, manifest.objects[0], group, background, True, label))
     return files
+
+
+def _session_label(path: Path, shape: tuple[int, int]) -> Image:
+    return contact_label(_png_label(path, shape))
 
 
 def _file(image: Path, owner: Path, read_label: ReadLabel) -> LabelledFile:

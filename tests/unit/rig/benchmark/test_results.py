@@ -11,6 +11,7 @@ from drivers.errors import InputError, SessionError
 from rig.benchmark.estimators import contenders
 from rig.benchmark.estimators.contenders import CONTENDERS, WINDOWS
 from rig.benchmark.estimators.stress import run_stress, stress_rows
+from rig.benchmark.estimators.study import EstimatorsResult
 from rig.benchmark.harness import Report, Run, check_readme, markers
 from rig.experiments.lift_plan import stored_trial
 from rig.experiments.replay import replay_with_angles
@@ -25,7 +26,7 @@ PROGRESS: list[str] = []
 
 
 @pytest.fixture(scope="module")
-def result(tmp_path_factory: pytest.TempPathFactory) -> study.EstimatorsResult:
+def result(tmp_path_factory: pytest.TempPathFactory) -> EstimatorsResult:
     """One lift of one object with few frames, no stress: the smallest run that has all other parts."""
 
     def show(done: int, total: int, note: str) -> None:
@@ -42,7 +43,7 @@ def result(tmp_path_factory: pytest.TempPathFactory) -> study.EstimatorsResult:
 
 
 @pytest.fixture(scope="module")
-def report(result: study.EstimatorsResult) -> Report:
+def report(result: EstimatorsResult) -> Report:
     return study.report_of(result)
 
 
@@ -53,7 +54,7 @@ def test_progress_names_each_step() -> None:
     assert others == ["1/1 timed on lift t2/1", "1/1 estimators on t2/1"]
 
 
-def test_benchmark_scores_a_lift_as_in_the_trial(result: study.EstimatorsResult) -> None:
+def test_benchmark_scores_a_lift_as_in_the_trial(result: EstimatorsResult) -> None:
     rows = read_finished_lifts(result.session)
     for name, window in (("slip", 1), ("pca", 4)):
         row = replay_with_angles(
@@ -65,9 +66,7 @@ def test_benchmark_scores_a_lift_as_in_the_trial(result: study.EstimatorsResult)
         assert found == pytest.approx(expected, abs=1e-9)
 
 
-def test_every_estimator_has_every_window_from_one_pass(
-    result: study.EstimatorsResult, report: Report
-) -> None:
+def test_every_estimator_has_every_window_from_one_pass(result: EstimatorsResult, report: Report) -> None:
     assert set(result.scores) == {(name, window) for name in (*CONTENDERS, "kolamuri") for window in WINDOWS}
     assert set(result.timing.contenders) == {*CONTENDERS, "kolamuri"}
     assert report.faults == {}
@@ -77,7 +76,7 @@ def test_every_estimator_has_every_window_from_one_pass(
         assert of.stages["contact"].count == of.contact.count
 
 
-def test_limit_without_measurement_is_missed(result: study.EstimatorsResult, report: Report) -> None:
+def test_limit_without_measurement_is_missed(result: EstimatorsResult, report: Report) -> None:
     limits = {limit.name: limit for limit in report.limits}
     assert len(limits) == 10
     assert [name for name, limit in limits.items() if limit.met is None] == [
@@ -87,15 +86,12 @@ def test_limit_without_measurement_is_missed(result: study.EstimatorsResult, rep
     assert limits["share of frames answered"].met
     refused = limits["share of frames refused on smooth round contacts"]
     assert (refused.value, refused.met) == (None, False)  # this run has no stress part
-    bad = study.judge(
-        replace(result, timing=replace(result.timing, size_px=(64, 48)))
-    )  # no limit for this size
+    small = replace(result.timing, size_px=(64, 48))  # no limit for this size
+    bad = study.judge(replace(result, timing=small))
     assert "times as fast as the published second stage" in {v.name for v in bad if not v.met}
 
 
-def test_result_files_and_documentation_contain_all_figures(
-    result: study.EstimatorsResult, report: Report
-) -> None:
+def test_result_files_and_documentation_contain_all_figures(result: EstimatorsResult, report: Report) -> None:
     assert len(report.figures["estimators"]) == len(result.scores)
     assert report.files[study.TABLE] == report.section + "\n"
     check_readme(DOCUMENT, "estimators")
@@ -106,7 +102,7 @@ def test_result_files_and_documentation_contain_all_figures(
         assert columns == study.estimator_table(result).columns[: study.README_COLUMNS]
 
 
-def test_tables_have_a_cell_per_column(result: study.EstimatorsResult) -> None:
+def test_tables_have_a_cell_per_column(result: EstimatorsResult) -> None:
     balls = replace(result, stress=stress_rows(run_stress(0, ("slip",), ("round", "3:0"))))
     for table in (study.estimator_table(result), study.stress_table(balls)):
         assert table.rows

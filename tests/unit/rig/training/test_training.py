@@ -16,11 +16,10 @@ import torch
 from drivers.errors import InputError
 from rig.labels.datasets import FOLDS
 from rig.tactile.contact.network import Recipe, load_network
-from rig.training.batches import LabelledFrame, augmented
-from rig.training.checkpoint import fill_encoder, import_checkpoint, load_weights, read_state
+from rig.training import networks
 from rig.training.examples import simulated_examples
-from rig.training.export import export_eight_bit, export_half, export_onnx
-from rig.training.loop import Schedule, Training, arithmetic_of, focal_loss
+from rig.training.export import export_eight_bit, export_half, export_onnx, import_checkpoint
+from rig.training.loop import LabelledFrame, Schedule, Training, arithmetic_of, augmented, focal_loss
 from rig.training.networks import ARCHITECTURES, build_network, find_architecture
 from rig.training.run import TrainSettings, train_all
 
@@ -136,20 +135,20 @@ def test_checkpoints_that_do_not_fit_are_refused(tmp_path: Path) -> None:
     wrong = {"unet": "--arch", "list": "list", "empty": "no weights", "cut": "complete", "none": "no such"}
     for name, said in wrong.items():
         with pytest.raises(InputError, match=said):
-            load_weights(build_network(PSPNET), tmp_path / f"{name}.pth")
+            networks.load_weights(build_network(PSPNET), tmp_path / f"{name}.pth")
 
 
 def test_an_encoder_takes_its_own_weights_and_no_others(tmp_path: Path) -> None:
     made, wanted = build_network(PSPNET).encoder, build_network(PSPNET).encoder
     own = made.state_dict()
     torch.save({**own, "classifier.weight": torch.zeros(3)}, tmp_path / "own.pth")
-    fill_encoder(wanted, tmp_path / "own.pth")
+    networks.fill_encoder(wanted, tmp_path / "own.pth")
     assert all(torch.equal(value, own[key]) for key, value in wanted.state_dict().items())
     torch.save({"features.0.weight": torch.zeros(3)}, tmp_path / "other.pth")
     torch.save({key: value[:1] for key, value in own.items() if value.dim()}, tmp_path / "narrow.pth")
     for name, said in (("other.pth", "lacks"), ("narrow.pth", "does not fit")):
         with pytest.raises(InputError, match=said):
-            fill_encoder(wanted, tmp_path / name)
+            networks.fill_encoder(wanted, tmp_path / name)
 
 
 class Malicious:
@@ -160,7 +159,7 @@ class Malicious:
 def test_code_in_a_checkpoint_is_never_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "evil.pth").write_bytes(pickle.dumps({"state_dict": Malicious()}))
     with pytest.raises(InputError):
-        read_state(tmp_path / "evil.pth")
+        networks.read_state(tmp_path / "evil.pth")
     assert "run" not in capsys.readouterr().out
 
 

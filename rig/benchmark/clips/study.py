@@ -121,7 +121,6 @@ class JudgedLabel:
     the estimator has no sigma. held_deg: the last angle up to this frame, 0 before the first.
     """
 
-    clip: str
     label: ClipLabel
     angle_deg: float | None
     sigma_deg: float | None
@@ -273,7 +272,6 @@ class EstimatorRuns:
 
     @property
     def faults(self) -> EstimatorFaults | None:
-        """Faults of a foreign estimator; None without faults."""
         return faults_of(sample for run in self.runs for sample in run.estimate.samples)
 
 
@@ -285,7 +283,7 @@ def run_clip(clip: LabelledClip, choice: EstimatorChoice) -> ClipRun:
         before = reversed(samples[clip.reference_frame : label.frame + 1])
         held = next((sample.angle_deg for sample in before if sample.angle_deg is not None), 0.0)
         at = samples[label.frame]
-        judged.append(JudgedLabel(clip.name, label, at.angle_deg, at.sigma_deg, held))
+        judged.append(JudgedLabel(label, at.angle_deg, at.sigma_deg, held))
     contacts = tuple(
         (span.contact, sample.state is not State.NO_CONTACT)
         for span in clip.contacts

@@ -113,8 +113,6 @@ class ScriptPass(TactileEstimator):
 
 
 class _Replayed(TactileEstimator):
-    """Returns stored samples in order."""
-
     def __init__(self, samples: Sequence[SlipSample]) -> None:
         self._samples = iter(samples)
 
@@ -170,9 +168,7 @@ def open_lift(recording: Path, name: str) -> KnownLift:
 
 @dataclass(frozen=True, slots=True)
 class LiftScores:
-    """One lift: a score per estimator and window."""
-
-    scores: dict[tuple[str, int], SeriesScore]
+    scores: dict[tuple[str, int], SeriesScore]  # by estimator and window
     frames: int  # number of frames of the default estimator
     skipped: dict[str, int] = field(default_factory=dict)  # how often each stage was skipped in these frames
     faults: dict[str, EstimatorFaults] = field(default_factory=dict)  # of foreign estimators, by name

@@ -63,7 +63,7 @@ class EstimatorsResult:
             for key, score in self.scores.items()
             if key[0] in PAPER and key[1] >= 2 and score.mare
         }
-        return min(known, key=lambda key: known[key]) if known else None
+        return min(known, key=known.__getitem__, default=None)
 
     @property
     def usual(self) -> list[tuple[str, int]]:

@@ -235,8 +235,6 @@ class _FaultyBench(WireBench):
 
 
 class _TimedArm:
-    """An arm that reports its stop commands."""
-
     def __init__(self, arm: Arm, stopped: Callable[[], None]) -> None:
         self._arm, self._stopped = arm, stopped
 

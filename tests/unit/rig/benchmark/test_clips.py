@@ -34,7 +34,7 @@ def judged(
     label_deg: float, angle_deg: float | None, sigma_deg: float | None, held_deg: float = 0.0, s: float = 1.0
 ) -> JudgedLabel:
     held = held_deg if angle_deg is None else angle_deg
-    return JudgedLabel("clip", ClipLabel(5, label_deg, s), angle_deg, sigma_deg, held)
+    return JudgedLabel(ClipLabel(5, label_deg, s), angle_deg, sigma_deg, held)
 
 
 @pytest.fixture(scope="module")

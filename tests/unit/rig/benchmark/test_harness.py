@@ -56,6 +56,7 @@ def test_table_shows_declared_columns_only() -> None:
     assert table.columns == ("number", "its square")
     assert table.rows == [("2", "4.0"), ("3", "-")]
     assert table.legend == (("its square", "of the number"),)
+    assert table_of("Squares", [Square(3, None)]).rows == [("3", "-")]
     assert table.markdown().splitlines()[0] == "| number | its square |"
 
 

@@ -7,7 +7,7 @@ import pytest
 from rig.benchmark import renderer
 from rig.tactile.estimators import choose_estimator
 
-BLADE = renderer.KIND_NAMES.index("blade")
+BLADE = 20 + renderer.KIND_NAMES.index("blade")  # a lift whose object turns by 14 degrees
 
 
 def pressed(kind: str, angle_deg: float) -> np.ndarray:

@@ -233,8 +233,8 @@ def score_examples(method: str, model: str, title: str, examples: Examples) -> M
         iou.append(found.iou)
         if true.any():
             sizes.append(np.sqrt(np.count_nonzero(mask) / np.count_nonzero(true)))
-    shares = (MeanStd(float(np.mean(of)), float(np.std(of))) for of in (dice, iou))
-    return MethodScore(method, title, len(dice), *shares, float(np.median(sizes)) if sizes else None)
+    by_dice, by_iou = (MeanStd(float(np.mean(of)), float(np.std(of))) for of in (dice, iou))
+    return MethodScore(method, title, len(dice), by_dice, by_iou, float(np.median(sizes)) if sizes else None)
 
 
 def measure_times(models: Mapping[str, str], examples: Examples) -> list[MethodTime]:

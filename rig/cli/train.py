@@ -302,7 +302,7 @@ def import_model(options: ImportOptions) -> None:
       rig segment frames/ --model authors.onnx --out masks
     """
     require_training()
-    from rig.training.checkpoint import import_checkpoint
+    from rig.training.export import import_checkpoint
     from rig.training.networks import find_architecture
 
     arch, out = find_architecture(options.arch), options.out

@@ -48,8 +48,6 @@ _FURTHEST_DEG = 25.0
 
 @dataclass(frozen=True, slots=True)
 class AngleScene:
-    """Conditions of a scene's images."""
-
     side_px: float = 40.0
     tilt_deg: float = 15.0
     noise_grey: float = 4.0
@@ -79,8 +77,6 @@ SCENES = (
 
 @dataclass(frozen=True, slots=True)
 class AngleRow:
-    """The errors in one scene."""
-
     scene: str = column("two-marker angle, SIMULATED")
     rms_deg: float = column("rms, deg", ".4f", "of the answers")
     worst_deg: float = column("worst, deg", ".3f", "of the answers")
@@ -383,8 +379,6 @@ def gelsight_presses(folder: Path) -> list[BallPress]:
 
 @dataclass(frozen=True, slots=True)
 class CalibrationOptions:
-    """Options of `rig benchmark calibration`."""
-
     trials: int = option(200, "Hand-eye trials.", min=20)
 
 
@@ -395,9 +389,7 @@ def measure(options: CalibrationOptions, run: Run) -> Report:
 
     Examples:
       rig benchmark calibration
-
       rig benchmark calibration --trials 50 --json
-
     """
     cv2.setNumThreads(1)
     seed, data = run.seed, data_folder()

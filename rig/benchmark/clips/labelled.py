@@ -44,8 +44,6 @@ _NEEDED = ("reference_frame", "keyframe", "angle_deg", "sigma_deg")
 
 
 class ClipVersion(StrEnum):
-    """A version of a labelled clip."""
-
     PLAIN = "plain"
     MIRROR = "mirror"
     FLIP = "flip"
@@ -72,8 +70,6 @@ class ContactSpan:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LabelledClip:
-    """A clip and its ground truth."""
-
     name: str
     group: str
     series: FrameSeries

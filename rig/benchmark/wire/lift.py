@@ -41,8 +41,6 @@ SPREADS = 2.0  # largest difference of the error from its mean over the seeds, i
 
 @dataclass(frozen=True, slots=True)
 class WireOptions:
-    """Options of `rig benchmark wire`."""
-
     object_name: str = option("wrench", "Object id or name.", "--object")
     seeds: int = option(20, "Lifts in this process whose spread is printed.", min=20, max=100)
 
@@ -61,8 +59,6 @@ class StreamRow:
 
 @dataclass(frozen=True, slots=True)
 class WireLift:
-    """A lift over the wire protocols."""
-
     streams: tuple[StreamRow, ...]
     state_hz: float  # rate at which the arm's driver received states
     controller_core: float  # share of a core that the simulated controller used
@@ -90,9 +86,7 @@ def measure(options: WireOptions, run: Run) -> Report:
 
     Examples:
       rig benchmark wire
-
       rig benchmark wire --object spam --json
-
     """
     object_id = find_grasp_file(options.object_name).id
     lift = measure_wire(run.results_folder, object_id, options.seeds)

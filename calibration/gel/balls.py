@@ -57,11 +57,12 @@ _NOT_ROUND = "the contact is not round, or only a small part of it is in the pic
 class Press:
     """A ball's contact. change: (H, W, 3) colour change. strength: (H, W), its size in grey levels.
 
-    centre_px: (x, y). reach_px: radius of the changed area. rim_px: radius where the change falls most
-    steeply.
+    radius_mm: of the ball. centre_px: (x, y). reach_px: radius of the changed area. rim_px: radius where the
+    change falls most steeply.
     """
 
     id: str
+    radius_mm: float
     change: NDArray[np.float32]
     strength: NDArray[np.float32]
     centre_px: tuple[float, float]
@@ -69,8 +70,8 @@ class Press:
     rim_px: float
 
 
-def find_press(image: Image, reference: NDArray[np.float32], name: str) -> Press | str:
-    """Find the one round contact in a (H, W, 3) uint8 RGB picture, or say why there is none.
+def find_press(image: Image, reference: NDArray[np.float32], name: str, radius_mm: float) -> Press | str:
+    """Find the one round contact in a (H, W, 3) uint8 RGB picture, or return why there is none.
 
     Raises `CalibrationError` for a picture of another size, or one without light.
     """
@@ -98,7 +99,7 @@ def find_press(image: Image, reference: NDArray[np.float32], name: str) -> Press
         return _NOT_ROUND
     if reach < _SMALLEST_RADIUS_PX:
         return f"the contact is {reach:.0f} px wide only: press harder"
-    return Press(name, change, strength, (x, y), reach, rim_radius(strength, (x, y), reach))
+    return Press(name, radius_mm, change, strength, (x, y), reach, rim_radius(strength, (x, y), reach))
 
 
 def rim_radius(strength: Array, centre_px: tuple[float, float], reach_px: float) -> float:
@@ -150,14 +151,6 @@ def circle_through(points: Array) -> tuple[float, float, float]:
     (cx, cy, rest), *_ = np.linalg.lstsq(system, (from_middle**2).sum(axis=1), rcond=None)
     radius = float(np.sqrt(max(rest + cx**2 + cy**2, 0.0)))
     return float(middle[0] + cx), float(middle[1] + cy), radius
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class BallPress:
-    """A press and the ball's radius in mm."""
-
-    press: Press
-    radius_mm: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -218,13 +211,13 @@ class BallFit:
         return assessment
 
 
-def calibrate_gel(presses: Sequence[BallPress], mm_per_px: tuple[float, float], folds: int = 8) -> BallFit:
+def calibrate_gel(presses: Sequence[Press], mm_per_px: tuple[float, float], folds: int = 8) -> BallFit:
     """Fit the colour map to presses all over the gel; every press is left out once to check it.
 
     mm_per_px: along x and y. Raises `CalibrationError` for fewer than eight presses, or a ball
     too small for its press.
     """
-    good, rejected = sift(presses, lambda p: p.press.id, lambda p, _: _fault(p, mm_per_px))
+    good, rejected = sift(presses, lambda p: p.id, lambda p, _: _fault(p, mm_per_px))
     if len(good) < FEWEST_PRESSES:
         why = "; ".join(f"{r.id}: {r.reason}" for r in rejected[:5])
         raise CalibrationError(
@@ -237,18 +230,18 @@ def calibrate_gel(presses: Sequence[BallPress], mm_per_px: tuple[float, float], 
     return BallFit(
         _fit_to(good, mm_per_px),
         held_out,
-        {p.press.id: p.radius_mm for p in good},
+        {p.id: p.radius_mm for p in good},
         normal_rms=float(np.sqrt(np.mean(np.square(errors)))),
         null_rms=float(np.sqrt(np.mean(np.square(nulls)))),
-        centres_px={p.press.id: p.press.centre_px for p in good},
+        centres_px={p.id: p.centre_px for p in good},
         rejected=tuple(rejected),
     )
 
 
-def _fit_to(presses: Sequence[BallPress], mm_per_px: tuple[float, float]) -> GradientMap:
-    rows, columns = presses[0].press.strength.shape
+def _fit_to(presses: Sequence[Press], mm_per_px: tuple[float, float]) -> GradientMap:
+    rows, columns = presses[0].strength.shape
     change, places, normals = zip(*(_samples(press, mm_per_px) for press in presses), strict=True)
-    still, away = zip(*(_untouched(press.press) for press in presses), strict=True)
+    still, away = zip(*(_untouched(press) for press in presses), strict=True)
     change, places = [*change, *still], [*places, *away]
     normals = [*normals, np.zeros((sum(map(len, away)), 2))]
     return fit_gradient_map(np.vstack(change), np.vstack(places), np.vstack(normals), (rows, columns))
@@ -275,23 +268,21 @@ def core_pixels(press: Press) -> tuple[Array, Array]:
     return press.change[y, x], np.column_stack([x, y]).astype(np.float64)
 
 
-def _samples(press: BallPress, mm_per_px: tuple[float, float]) -> tuple[Array, Array, Array]:
-    change, places = core_pixels(press.press)
-    return change, places, (places - press.press.centre_px) * mm_per_px / press.radius_mm
+def _samples(press: Press, mm_per_px: tuple[float, float]) -> tuple[Array, Array, Array]:
+    change, places = core_pixels(press)
+    return change, places, (places - press.centre_px) * mm_per_px / press.radius_mm
 
 
-def _centred(press: BallPress, fitted: GradientMap, mm_per_px: tuple[float, float]) -> BallPress:
+def _centred(press: Press, fitted: GradientMap, mm_per_px: tuple[float, float]) -> Press:
     """Return a press centred where its normals, times R, point back to."""
-    change, places = core_pixels(press.press)
+    change, places = core_pixels(press)
     back = places - fitted.normals(change, places) * press.radius_mm / np.asarray(mm_per_px)
     x, y = (float(v) for v in back.mean(axis=0))
-    p = press.press
-    moved = replace(p, centre_px=(x, y), rim_px=rim_radius(p.strength, (x, y), p.reach_px))
-    return replace(press, press=moved)
+    return replace(press, centre_px=(x, y), rim_px=rim_radius(press.strength, (x, y), press.reach_px))
 
 
 def _held_out(
-    presses: list[BallPress], mm_per_px: tuple[float, float], folds: int
+    presses: list[Press], mm_per_px: tuple[float, float], folds: int
 ) -> tuple[dict[str, float], list[float], list[float]]:
     radii: dict[str, float] = {}
     errors: list[float] = []
@@ -299,11 +290,11 @@ def _held_out(
     for fold in range(folds):
         fitted = _fit_to([p for i, p in enumerate(presses) if i % folds != fold], mm_per_px)
         for press in presses[fold::folds]:
-            radii[press.press.id] = ball_radius_mm(press.press, fitted, mm_per_px)
+            radii[press.id] = ball_radius_mm(press, fitted, mm_per_px)
             change, places, truth = _samples(press, mm_per_px)
             errors.append(float(np.sqrt(((fitted.normals(change, places) - truth) ** 2).mean())))
             # far from the contact the normal's components should be zero
-            change, places = _untouched(press.press)
+            change, places = _untouched(press)
             rms = float(np.sqrt((fitted.normals(change, places) ** 2).mean())) if len(places) else 0.0
             nulls.append(rms)
     return radii, errors, nulls
@@ -324,13 +315,13 @@ def _pixels(shape: tuple[int, int], step: int) -> tuple[NDArray[np.int64], NDArr
     return columns[chosen], rows[chosen]
 
 
-def _fault(press: BallPress, mm_per_px: tuple[float, float]) -> str | None:
+def _fault(press: Press, mm_per_px: tuple[float, float]) -> str | None:
     low, high = BALLS_MM
     if not low <= 2.0 * press.radius_mm <= high:
         return f"a ball of {2.0 * press.radius_mm:g} mm; {low:g} to {high:g} mm fit a gel"
-    if press.press.rim_px * _CORE * max(mm_per_px) >= press.radius_mm:
+    if press.rim_px * _CORE * max(mm_per_px) >= press.radius_mm:
         return f"its contact is wider than a ball of {press.radius_mm:.2f} mm radius; is it given as radius?"
-    if len(core_pixels(press.press)[0]) < _LEAST_PIXELS:
+    if len(core_pixels(press)[0]) < _LEAST_PIXELS:
         return "too little of its contact is in the picture"
     return None
 

@@ -26,7 +26,7 @@ from calibration.hand_eye.refine import (
     moved,
     observability,
 )
-from calibration.hand_eye.solve import FEWEST_SAMPLES, MOST_REJECTED, HandEyeResult, Setup, as_pose
+from calibration.hand_eye.solve import FEWEST_SAMPLES, MOST_REJECTED, HandEyeResult, Setup, pose_arrays
 from calibration.poses import REACH_M, pose_fault, repeated_pose
 from calibration.verdict import Assessment, Rejected, floor, limit, sift
 from drivers.errors import counted
@@ -89,21 +89,7 @@ class PosePairs:
         return PosePairs(ids, self.a_R[rows], self.a_t[rows], self.b_R[rows], self.b_t[rows], self.setup)
 
 
-def make_pairs(samples: Sequence[PoseSample], setup: Setup) -> PosePairs:
-    to_hand = setup is Setup.EYE_TO_HAND
-    robot = [s.base_T_tcp if to_hand else s.base_T_tcp.inverse() for s in samples]
-    seen = [s.camera_T_target for s in samples]
-    return PosePairs(
-        tuple(s.id for s in samples),
-        np.array([p.rotation.as_matrix() for p in robot]).reshape(-1, 3, 3),
-        np.array([p.position_m for p in robot]).reshape(-1, 3),
-        np.array([p.rotation.as_matrix() for p in seen]).reshape(-1, 3, 3),
-        np.array([p.position_m for p in seen]).reshape(-1, 3),
-        setup,
-    )
-
-
-def sample_fault(sample: PoseSample, others: list[PoseSample]) -> str | None:
+def _fault(sample: PoseSample, others: list[PoseSample]) -> str | None:
     """Return why a sample cannot be used, or None. others: the samples accepted so far."""
     if any(other.id == sample.id for other in others[-1:]):
         return f"a second sample with the id {sample.id}"
@@ -224,7 +210,7 @@ def calibrate_pose_pairs(samples: Sequence[PoseSample], setup: Setup) -> HandEye
 
     samples: in order of time, because neighbouring samples of a stream share errors, which is detected.
     """
-    usable, rejected = sift(samples, lambda s: s.id, sample_fault)
+    usable, rejected = sift(samples, lambda s: s.id, _fault)
     chosen = [usable[i] for i in _spaced(len(usable), _MOST_PAIRS)]
     good, repeated = sift(
         chosen, lambda s: s.id,
@@ -234,7 +220,8 @@ def calibrate_pose_pairs(samples: Sequence[PoseSample], setup: Setup) -> HandEye
     if len(good) < FEWEST_SAMPLES:
         text = f"{counted(len(good), 'usable pair')}; at least {FEWEST_SAMPLES} are needed, 15 are good"
         return HandEyeResult(setup, Assessment((text,)), tuple(rejected))
-    pairs = make_pairs(good, setup)
+    robot, seen = setup.arrays([s.base_T_tcp for s in good]), pose_arrays([s.camera_T_target for s in good])
+    pairs = PosePairs(tuple(s.id for s in good), *robot, *seen, setup)
     motion = observability(pairs.subset(_spaced(len(pairs.ids), _FOR_STARTS)).a_R)
     gate = assess_motion(motion)
     if gate.refusals:
@@ -258,8 +245,7 @@ def calibrate_pose_pairs(samples: Sequence[PoseSample], setup: Setup) -> HandEye
     covariance, blocks = _spread(fit, alike)
     return HandEyeResult(
         setup, gate + _assess(covariance, blocks, len(out), count, alike), tuple(rejected), motion,
-        as_pose(fit.at.x_R, fit.at.x_t), as_pose(fit.at.z_R, fit.at.z_t), covariance=covariance,
-        sigmas=sigmas, samples=blocks, used=tuple(pairs.ids[i] for i in kept),
+        *fit.at.poses, covariance, blocks, tuple(pairs.ids[i] for i in kept), sigmas=sigmas,
     )  # fmt: skip
 
 

@@ -22,10 +22,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
-from scipy.stats import f as f_distribution
 
 from calibration.camera.model import CameraModel
 from calibration.verdict import Assessment, floor
+from drivers.types import Pose
 
 Array = NDArray[np.floating]
 
@@ -119,6 +119,13 @@ class Transforms:
     x_t: Array
     z_R: Array  # noqa: N815
     z_t: Array
+
+    @property
+    def poses(self) -> tuple[Pose, Pose]:
+        """X and Z."""
+        pairs = ((self.x_R, self.x_t), (self.z_R, self.z_t))
+        x, z = (Pose.from_rotation(move, Rotation.from_matrix(turn)) for turn, move in pairs)
+        return x, z
 
 
 def park(a_R: Array, a_t: Array, b_R: Array, b_t: Array) -> Transforms:  # noqa: N803
@@ -330,52 +337,14 @@ def _step(jacobian: Array, missed: Array, weights: Array, damping: float) -> Arr
     return np.linalg.solve(r, q.T @ target) / scale
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Uncertainty:
-    """Covariances (6, 6) of X: rotation vector about X's own axes (rad), then translation (m).
+def uncertainty(problem: Problem, answer: Refined) -> tuple[Array, Array, Array]:
+    """Return the covariance (6, 6) of X, the part of it that the camera causes, and held-out errors (N,) px.
 
-    covariance: the larger of fit and jackknife in each direction, plus the camera's. camera: part caused by
-    the camera calibration; zero if the camera is exact. held_out_px: (N,) rms px by which the estimate from
-    all other samples misses each sample. samples: N.
+    Covariances are of X's rotation vector about its own axes (rad), then its translation (m): the larger of
+    fit and jackknife in each direction, plus the camera's part, which is zero if the camera is exact. A
+    held-out error is the rms by which the estimate from all other samples misses a sample. Takes one short
+    refit per sample, and per direction of the camera's covariance.
     """
-
-    covariance: Array
-    camera: Array
-    held_out_px: Array
-    samples: int
-
-    @property
-    def sigma_m(self) -> Array:
-        """(3,) one sigma of the translation."""
-        return np.sqrt(np.diag(self.covariance)[3:])
-
-    @property
-    def sigma_rad(self) -> Array:
-        """(3,) one sigma of the rotation."""
-        return np.sqrt(np.diag(self.covariance)[:3])
-
-    @property
-    def camera_sigma_m(self) -> Array:
-        """(3,) one sigma of the translation caused by the camera calibration."""
-        return np.sqrt(np.diag(self.camera)[3:])
-
-    @property
-    def camera_sigma_rad(self) -> Array:
-        """(3,) one sigma of the rotation caused by the camera calibration."""
-        return np.sqrt(np.diag(self.camera)[:3])
-
-    @property
-    def held_out_rms_px(self) -> float:
-        return float(np.sqrt((self.held_out_px**2).mean()))
-
-    def holds(self, error: Array) -> bool:
-        """Whether a (6,) error lies within the 95 % confidence region (F test)."""
-        bound = float(6 * f_distribution.ppf(0.95, 6, max(self.samples - 1, 1)))
-        return float(error @ np.linalg.solve(self.covariance, error)) <= bound
-
-
-def uncertainty(problem: Problem, answer: Refined) -> Uncertainty:
-    """Compute the uncertainty: one short refit per sample, and per direction of the camera's covariance."""
     count = len(problem.ids)
     changes, held_out = np.zeros((count, 6)), np.zeros(count)
     for i in range(count):
@@ -392,7 +361,7 @@ def uncertainty(problem: Problem, answer: Refined) -> Uncertainty:
     stacked = np.array(by_camera).reshape(-1, 6)
     from_camera = stacked.T @ stacked
     samples = larger_of(_fit_covariance(problem, answer.transforms), jackknife)
-    return Uncertainty(samples + from_camera, from_camera, held_out, count)
+    return samples + from_camera, from_camera, held_out
 
 
 def _change(one: Transforms, other: Transforms) -> Array:

@@ -70,11 +70,11 @@ def tactile_from_folder(
         ),
     )  # fmt: skip
     try:
-        moved = [] if mm_per_px else [p for p in presses.found if p.press.id in presses.moves_mm]
+        moved = [] if mm_per_px else [p for p in presses.found if p.id in presses.moves_mm]
         scale = None
         if moved:
-            moves = np.array([presses.moves_mm[p.press.id] for p in moved])
-            centres = np.array([rim_centre(p.press) for p in moved])
+            moves = np.array([presses.moves_mm[p.id] for p in moved])
+            centres = np.array([rim_centre(p) for p in moved])
             scale = fit_scale(moves, centres, np.array([p.radius_mm for p in moved]))
         used = mm_per_px or (scale.mm_per_px if scale else NOMINAL_MM_PER_PX)
         across, along = (float(v) for v in used)
@@ -265,7 +265,7 @@ def _pictures(fit: BallFit, presses: PressFolder, scale: GelScale | None) -> lis
     for radius in sorted(set(fit.true_mm.values())):
         x, y = np.array([fit.centres_px[i] for i, true in fit.true_mm.items() if true == radius]).T
         places[f"{2 * radius:g} mm"] = x, rows - y
-    press = max((p.press for p in presses.found), key=lambda p: float(p.strength.max()))
+    press = max(presses.found, key=lambda p: float(p.strength.max()))
     x, y = np.meshgrid(np.arange(0, columns, 2), np.arange(0, rows, 2))
     at = np.column_stack([x.ravel(), y.ravel()]).astype(np.float64)
     slopes = fit.map.slopes(press.change[y.ravel(), x.ravel()], at)[:, 0].reshape(x.shape)

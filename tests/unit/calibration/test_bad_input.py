@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from calibration.camera.intrinsics import assess_camera, calibrate_camera
 from calibration.camera.model import CameraModel
-from calibration.gel.balls import BallPress, Press, calibrate_gel, find_press
+from calibration.gel.balls import Press, calibrate_gel, find_press
 from calibration.gripper import Direction, OpeningSample, calibrate_opening
 from calibration.markers.angle import MarkerAngle, PlanarAngle
 from calibration.markers.tracker import MarkerTracker
@@ -197,12 +197,12 @@ def lined(frame: Image) -> Image:
 )
 def test_picture_without_a_round_press_is_refused(change: Callable[[Image], Image], reason: str) -> None:
     picture = change(GEL.frame(rng()))
-    assert reason in refusal(lambda: find_press(picture, GEL.reference, "press"))
+    assert reason in refusal(lambda: find_press(picture, GEL.reference, "press", 4.0))
 
 
 def test_three_presses_are_too_few_for_a_colour_map() -> None:
-    found = [(find_press(p.image, GEL.reference, p.name), p.radius_mm) for p in GEL.presses(3)]
-    presses = [BallPress(press, radius_mm) for press, radius_mm in found if isinstance(press, Press)]
+    found = [find_press(p.image, GEL.reference, p.name, p.radius_mm) for p in GEL.presses(3)]
+    presses = [press for press in found if isinstance(press, Press)]
     assert "8 are the least" in refusal(lambda: calibrate_gel(presses, MM_PER_PX))
 
 

@@ -54,10 +54,10 @@ def motion(rng: Random, kind: str) -> tuple[Truth, list[HandEyeSample]]:
 def _solved(truth: Truth, samples: list[HandEyeSample], setup: Setup = Setup.EYE_TO_HAND) -> Answer:
     """Return the error in mm; a weak answer is allowed four times its sigma."""
     result = calibrate_hand_eye(samples, CAMERA, setup)
-    if result.pose is None or result.spread is None:
+    if result.pose is None or result.covariance is None:
         return "; ".join(result.assessment.reasons)
     weak = bool(result.assessment.doubts)
-    allowed = max(1.0, 4e3 * float(np.linalg.norm(result.spread.sigma_m))) if weak else 1.0
+    allowed = max(1.0, 4e3 * float(np.sqrt(np.trace(result.covariance[3:, 3:])))) if weak else 1.0
     return truth.error(result.pose)[0], allowed
 
 

@@ -1,6 +1,7 @@
 """The gel: reference and drift, scale, detection of balls, and the map from colour to slope."""
 
 import csv
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -8,7 +9,6 @@ import pytest
 
 from calibration.gel.balls import (
     BallFit,
-    BallPress,
     Press,
     ball_radius_mm,
     calibrate_gel,
@@ -19,19 +19,19 @@ from calibration.gel.gradient_map import GradientMap, fit_gradient_map
 from calibration.gel.reference import assess_reference, drift_since, make_reference
 from calibration.verdict import Verdict
 from drivers.errors import CalibrationError
-from support.simulated_gel import MM_PER_PX, SimulatedGel
+from support.simulated_gel import MM_PER_PX, MadePress, SimulatedGel
 
 GEL = SimulatedGel(seed=3)
 
 
 @pytest.fixture(scope="module")
 def fitted() -> BallFit:
-    presses = [BallPress(_found(p.image, p.name), p.radius_mm) for p in GEL.presses(16)]
+    presses = [_found(p) for p in GEL.presses(16)]
     return calibrate_gel(presses, MM_PER_PX)
 
 
-def _found(image: np.ndarray, name: str) -> Press:
-    press = find_press(image, GEL.reference, name)
+def _found(made: MadePress) -> Press:
+    press = find_press(made.image, GEL.reference, made.name, made.radius_mm)
     assert isinstance(press, Press), press
     return press
 
@@ -43,14 +43,14 @@ def test_held_out_balls_are_reconstructed_at_their_radius(fitted) -> None:
     assert all(abs(error) < 0.12 for error in fitted.radius_error().values()), fitted.radius_error()
     assert fitted.null_rms < 0.03
     for made in GEL.presses(3, seed=9):
-        found = ball_radius_mm(_found(made.image, made.name), fitted.map, MM_PER_PX)
+        found = ball_radius_mm(_found(made), fitted.map, MM_PER_PX)
         assert found == pytest.approx(made.radius_mm, rel=0.2)
 
 
 @pytest.mark.slow
 def test_slopes_point_away_from_the_middle_of_a_dent(fitted) -> None:
     made = GEL.presses(1, seed=2)[0]
-    press = _found(made.image, made.name)
+    press = _found(made)
     x, y = (round(v) for v in made.centre_px)
     right, left = np.array([[x + 12.0, y]]), np.array([[x - 12.0, y]])
     slope = [fitted.map.slopes(press.change[[y], [round(p[0, 0])]], p)[0, 0] for p in (right, left)]
@@ -73,9 +73,9 @@ def test_map_is_exact_if_colour_is_linear_in_slope() -> None:
 @pytest.mark.slow
 def test_ball_of_impossible_radius_is_rejected() -> None:
     made = GEL.presses(10, seed=4)
-    presses = [BallPress(_found(p.image, p.name), p.radius_mm) for p in made]
+    presses = [_found(p) for p in made]
     radii = (0.5, float("nan"), float("inf"), 1e308, -1.0, 0.0, 60.0)
-    wrong = [BallPress(presses[0].press, radius_mm) for radius_mm in radii]
+    wrong = [replace(presses[0], radius_mm=radius_mm) for radius_mm in radii]
     rejected = calibrate_gel([*wrong, *presses], MM_PER_PX).rejected
     assert len(rejected) == len(radii)
     assert "wider than a ball" in rejected[0].reason
@@ -144,9 +144,9 @@ def test_held_out_real_gelsight_balls_are_reconstructed_within_five_percent(real
     presses = []
     with (folder / "catalog.csv").open() as stream:
         for row in list(csv.DictReader(stream))[::2]:  # half of the 67 presses, for the time
-            press = find_press(rgb(row["image"]), reference, row["image"])
+            press = find_press(rgb(row["image"]), reference, row["image"], float(row["diameter(mm)"]) / 2)
             assert isinstance(press, Press), press
-            presses.append(BallPress(press, float(row["diameter(mm)"]) / 2))
+            presses.append(press)
     result = calibrate_gel(presses, (0.0634, 0.0634), folds=4)
     assert set(result.radius_error()) == {3.155, 4.75}
     assert all(abs(error) < 0.05 for error in result.radius_error().values()), result.radius_error()

@@ -18,12 +18,12 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import minimize_scalar
 
 from calibration.gel.gradient_map import GradientMap, colour_change, fit_gradient_map
 from calibration.gel.reference import check_light
-from calibration.verdict import Assessment, Rejected, floor, limit, sift
+from calibration.verdict import Assessment, Rejected, limits, sift
 from drivers.errors import CalibrationError, counted
 from drivers.types import Image
 
@@ -183,32 +183,27 @@ class BallFit:
         errors = self.radius_error()
         spread = np.array([abs(self.held_out_mm[i] / true - 1.0) for i, true in self.true_mm.items()])
         worst = max(abs(e) for e in errors.values())
-        assessment = limit(
-            100 * worst, 5.0, 25.0, "balls left out come out {value:.0f} % wrong in radius (median per ball)"
-        )
-        assessment += limit(
-            100 * float(np.percentile(spread, 90)), 15.0, 60.0, "one press in ten is off by {value:.0f} %"
-        )
-        assessment += limit(
-            self.null_rms, 0.03, NULL_REFUSED, "where nothing touches, the slope is {value:.3f} and not zero",
-            "slope where nothing touches: {value:.3f}",
+        tenth, few = float(np.percentile(spread, 90)), counted(len(self.true_mm), "picture")
+        assessment = limits(
+            (100 * worst, 5.0, 25.0,
+             "balls left out come out {value:.0f} % wrong in radius (median per ball)"),
+            (100 * tenth, 15.0, 60.0, "one press in ten is off by {value:.0f} %"),
+            (self.null_rms, 0.03, NULL_REFUSED,
+             "where nothing touches, the slope is {value:.3f} and not zero",
+             "slope where nothing touches: {value:.3f}"),
+            (len(self.true_mm), 20, FEWEST_PRESSES, f"{few} of presses; 30 all over the gel are good"),
         )  # fmt: skip
-        assessment += floor(
-            len(self.true_mm), 20, FEWEST_PRESSES,
-            f"{counted(len(self.true_mm), 'picture')} of presses; 30 all over the gel are good",
-        )  # fmt: skip
-        if len(errors) < 2:
-            pressed_mm = 2.0 * next(iter(errors))
-            rows, columns = self.map.shape
-            places = ", ".join(f"({x * columns:.0f}, {y * rows:.0f})" for y in _DOWN for x in _ACROSS)
-            assessment += Assessment(
-                doubts=(
-                    f"one ball diameter, {pressed_mm:g} mm: a wrong scale or diameter would go unseen; press "
-                    f"another ball, of {0.7 * pressed_mm:.0f} mm or less, at x, y = {places} px, and name "
-                    "each picture's ball in catalog.csv",
-                )
-            )
-        return assessment
+        if len(errors) > 1:
+            return assessment
+        pressed_mm = 2.0 * next(iter(errors))
+        rows, columns = self.map.shape
+        places = ", ".join(f"({x * columns:.0f}, {y * rows:.0f})" for y in _DOWN for x in _ACROSS)
+        doubt = (
+            f"one ball diameter, {pressed_mm:g} mm: a wrong scale or diameter would go unseen; press another "
+            f"ball, of {0.7 * pressed_mm:.0f} mm or less, at x, y = {places} px, and name each picture's "
+            "ball in catalog.csv"
+        )
+        return assessment + Assessment(doubts=(doubt,))
 
 
 def calibrate_gel(presses: Sequence[Press], mm_per_px: tuple[float, float], folds: int = 8) -> BallFit:
@@ -226,16 +221,31 @@ def calibrate_gel(presses: Sequence[Press], mm_per_px: tuple[float, float], fold
     for _ in range(_ROUNDS):
         fitted = _fit_to(good, mm_per_px)
         good = [_centred(press, fitted, mm_per_px) for press in good]
-    held_out, errors, nulls = _held_out(good, mm_per_px, min(folds, len(good)))
+    held_out: dict[str, float] = {}
+    errors, nulls = [], []
+    folds = min(folds, len(good))
+    for fold in range(folds):
+        fitted = _fit_to([p for i, p in enumerate(good) if i % folds != fold], mm_per_px)
+        for press in good[fold::folds]:
+            held_out[press.id] = ball_radius_mm(press, fitted, mm_per_px)
+            change, places, truth = _samples(press, mm_per_px)
+            errors.append(_rms(fitted.normals(change, places) - truth))
+            # far from the contact the normal's components should be zero
+            change, places = _untouched(press)
+            nulls.append(_rms(fitted.normals(change, places)) if len(places) else 0.0)
     return BallFit(
         _fit_to(good, mm_per_px),
         held_out,
         {p.id: p.radius_mm for p in good},
-        normal_rms=float(np.sqrt(np.mean(np.square(errors)))),
-        null_rms=float(np.sqrt(np.mean(np.square(nulls)))),
+        normal_rms=_rms(errors),
+        null_rms=_rms(nulls),
         centres_px={p.id: p.centre_px for p in good},
         rejected=tuple(rejected),
     )
+
+
+def _rms(values: ArrayLike) -> float:
+    return float(np.sqrt(np.mean(np.square(values))))
 
 
 def _fit_to(presses: Sequence[Press], mm_per_px: tuple[float, float]) -> GradientMap:
@@ -279,25 +289,6 @@ def _centred(press: Press, fitted: GradientMap, mm_per_px: tuple[float, float]) 
     back = places - fitted.normals(change, places) * press.radius_mm / np.asarray(mm_per_px)
     x, y = (float(v) for v in back.mean(axis=0))
     return replace(press, centre_px=(x, y), rim_px=rim_radius(press.strength, (x, y), press.reach_px))
-
-
-def _held_out(
-    presses: list[Press], mm_per_px: tuple[float, float], folds: int
-) -> tuple[dict[str, float], list[float], list[float]]:
-    radii: dict[str, float] = {}
-    errors: list[float] = []
-    nulls: list[float] = []
-    for fold in range(folds):
-        fitted = _fit_to([p for i, p in enumerate(presses) if i % folds != fold], mm_per_px)
-        for press in presses[fold::folds]:
-            radii[press.id] = ball_radius_mm(press, fitted, mm_per_px)
-            change, places, truth = _samples(press, mm_per_px)
-            errors.append(float(np.sqrt(((fitted.normals(change, places) - truth) ** 2).mean())))
-            # far from the contact the normal's components should be zero
-            change, places = _untouched(press)
-            rms = float(np.sqrt((fitted.normals(change, places) ** 2).mean())) if len(places) else 0.0
-            nulls.append(rms)
-    return radii, errors, nulls
 
 
 def _untouched(press: Press) -> tuple[Array, Array]:
@@ -373,7 +364,24 @@ def fit_scale(moves_mm: Array, centres_px: Array, radii_mm: Array | None = None)
         )
     apart = radii_mm is not None and np.max(radii_mm) >= _SIZES_APART * np.min(radii_mm)
     radii = np.asarray(radii_mm, np.float64) if apart else np.zeros(len(moves_mm))
-    return _scale(centres_px, moves_mm, radii)
+    scale, missed = _fit(centres_px, moves_mm, radii)
+    count = len(missed)
+    left_out = [np.delete(np.arange(count), i) for i in range(count)]
+    scales = np.array([_fit(centres_px[o], moves_mm[o], radii[o])[0] for o in left_out])
+    sigma, aspect_sigma = jackknife_sigma(scales), float(jackknife_sigma(scales[:, 0] / scales[:, 1]))
+    residual_px = float(np.sqrt((missed**2).sum(axis=1).mean()) / scale.mean())
+    assessment = limits(
+        (residual_px, 2.0, 15.0, "contact centres miss the known moves by {value:.1f} px"),
+        (100 * float((sigma / scale).max()), 2.0, 20.0, "the scale is known to {value:.1f} % only"),
+        (count, 6, FEWEST, "{value} places; 9 are good"),
+    )
+    return GelScale(scale, sigma, aspect_sigma, residual_px, centres_px, missed / scale, assessment)
+
+
+def jackknife_sigma(values: Array) -> Array:
+    """Return one sigma of an estimate from its N values, (N,) or (N, k), without one sample each."""
+    count = len(values)
+    return np.sqrt((count - 1) / count * ((values - values.mean(axis=0)) ** 2).sum(axis=0))
 
 
 def _fit(centres_px: Array, moves_mm: Array, radii_mm: Array) -> tuple[Array, Array]:
@@ -397,22 +405,3 @@ def _fit(centres_px: Array, moves_mm: Array, radii_mm: Array) -> tuple[Array, Ar
         method="bounded",
     )
     return solve(float(found.x))
-
-
-def _scale(centres_px: Array, moves_mm: Array, radii_mm: Array) -> GelScale:
-    """Return the lengths in mm of one pixel along x and y, with their sigma by jackknife."""
-    scale, missed = _fit(centres_px, moves_mm, radii_mm)
-    count = len(missed)
-    left_out = [np.delete(np.arange(count), i) for i in range(count)]
-    scales = np.array([_fit(centres_px[o], moves_mm[o], radii_mm[o])[0] for o in left_out])
-    spread = scales - scales.mean(axis=0)
-    sigma = np.sqrt((count - 1) / count * (spread**2).sum(axis=0))
-    aspects = scales[:, 0] / scales[:, 1]
-    aspect_sigma = float(np.sqrt((count - 1) / count * ((aspects - aspects.mean()) ** 2).sum()))
-    residual_px = float(np.sqrt((missed**2).sum(axis=1).mean()) / scale.mean())
-    assessment = limit(residual_px, 2.0, 15.0, "contact centres miss the known moves by {value:.1f} px")
-    assessment += limit(
-        100 * float((sigma / scale).max()), 2.0, 20.0, "the scale is known to {value:.1f} % only"
-    )
-    assessment += floor(count, 6, FEWEST, "{value} places; 9 are good")
-    return GelScale(scale, sigma, aspect_sigma, residual_px, centres_px, missed / scale, assessment)

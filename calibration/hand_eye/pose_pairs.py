@@ -28,7 +28,7 @@ from calibration.hand_eye.refine import (
 )
 from calibration.hand_eye.solve import FEWEST_SAMPLES, MOST_REJECTED, HandEyeResult, Setup, pose_arrays
 from calibration.poses import REACH_M, pose_fault, repeated_pose
-from calibration.verdict import Assessment, Rejected, floor, limit, sift
+from calibration.verdict import Assessment, Rejected, limits, sift
 from drivers.errors import counted
 from drivers.types import Pose
 
@@ -243,27 +243,22 @@ def calibrate_pose_pairs(samples: Sequence[PoseSample], setup: Setup) -> HandEye
     found = float(((white[1:] * white[:-1]).sum(axis=0) / np.maximum((white**2).sum(axis=0), 1e-300)).max())
     alike = found if found > 3.5 / np.sqrt(len(white)) else 0.0
     covariance, blocks = _spread(fit, alike)
-    return HandEyeResult(
-        setup, gate + _assess(covariance, blocks, len(out), count, alike), tuple(rejected), motion,
-        *fit.at.poses, covariance, blocks, tuple(pairs.ids[i] for i in kept), sigmas=sigmas,
-    )  # fmt: skip
-
-
-def _assess(covariance: Array, count: int, left_out: int, pairs: int, alike: float) -> Assessment:
     sigma = np.sqrt(np.diag(covariance))
     mm, deg = 1e3 * float(np.linalg.norm(sigma[3:])), float(np.degrees(np.linalg.norm(sigma[:3])))
     hint = "add pairs with larger rotations about two axes, or calibrate from pictures"
-    return (
-        limit(mm, 2.0, 50.0, "position known to {value:.1f} mm only: " + hint)
-        + limit(deg, 0.2, 5.0, "orientation known to {value:.2f} degrees only: " + hint)
-        + floor(count, 10, FEWEST_SAMPLES, f"{counted(count, 'pair')} used; 15 are good")
-        + limit(left_out, 0.15 * pairs, np.inf, f"{counted(left_out, 'pair')} left out; see why")
-        + limit(
-            alike, 0.3, np.inf,
-            "errors of neighbouring pairs are correlated ({value:.2f}; noise: 0), which raises sigma: does "
-            "the robot's model, the clock or the detector's scale drift?",
-            "correlation of the errors of neighbouring pairs: {value:.2f}",
-        )
+    assessment = limits(
+        (mm, 2.0, 50.0, "position known to {value:.1f} mm only: " + hint),
+        (deg, 0.2, 5.0, "orientation known to {value:.2f} degrees only: " + hint),
+        (blocks, 10, FEWEST_SAMPLES, f"{counted(blocks, 'pair')} used; 15 are good"),
+        (len(out), 0.15 * count, np.inf, f"{counted(len(out), 'pair')} left out; see why"),
+        (alike, 0.3, np.inf,
+         "errors of neighbouring pairs are correlated ({value:.2f}; noise: 0), which raises sigma: does the "
+         "robot's model, the clock or the detector's scale drift?",
+         "correlation of the errors of neighbouring pairs: {value:.2f}"),
+    )  # fmt: skip
+    return HandEyeResult(
+        setup, gate + assessment, tuple(rejected), motion, *fit.at.poses, covariance, blocks,
+        tuple(pairs.ids[i] for i in kept), sigmas=sigmas,
     )  # fmt: skip
 
 

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from calibration.camera.model import CameraModel
-from calibration.verdict import Assessment, floor
+from calibration.verdict import Assessment, limits
 from drivers.types import Pose
 
 Array = NDArray[np.floating]
@@ -85,21 +85,15 @@ def assess_motion(seen: Observability) -> Assessment:
     elif seen.translation_ratio < 0.01 or seen.rotation_gap < 1e-4:
         reason = f"all rotations are about parallel axes: {_HINT}"
     else:
-        return (
-            floor(
-                seen.max_angle_deg, LEAST_TURN_DEG, 5.0,
-                "the tool rotated by at most {value:.1f} degrees: " + _HINT,
-            )
-            + floor(
-                seen.translation_ratio, LEAST_RATIO, 0.01,
-                "rotations are about nearly parallel axes (ratio {value:.2f}): " + _HINT,
-                "how far the axes of rotation differ, as a ratio: {value:.2f}",
-            )
-            + floor(
-                seen.rotation_gap, LEAST_GAP, 1e-4,
-                "the rotation is weakly determined (gap {value:.2g}): " + _HINT,
-                "how well the rotations determine the orientation, as a gap of eigenvalues: {value:.2g}",
-            )
+        return limits(
+            (seen.max_angle_deg, LEAST_TURN_DEG, 5.0,
+             "the tool rotated by at most {value:.1f} degrees: " + _HINT),
+            (seen.translation_ratio, LEAST_RATIO, 0.01,
+             "rotations are about nearly parallel axes (ratio {value:.2f}): " + _HINT,
+             "how far the axes of rotation differ, as a ratio: {value:.2f}"),
+            (seen.rotation_gap, LEAST_GAP, 1e-4,
+             "the rotation is weakly determined (gap {value:.2g}): " + _HINT,
+             "how well the rotations determine the orientation, as a gap of eigenvalues: {value:.2g}"),
         )  # fmt: skip
     return Assessment((reason,))
 
@@ -225,13 +219,6 @@ class Problem:
             tuple(self.ids[i] for i in samples), self.a_R[samples], self.a_t[samples],
             self.points_m[chosen], self.seen_px[chosen], self.pixels[chosen], owner, self.camera,
         )  # fmt: skip
-
-    def inverted(self) -> "Problem":
-        turned = self.a_R.transpose(0, 2, 1)
-        return replace(self, a_R=turned, a_t=-(turned @ self.a_t[..., None])[..., 0])
-
-    def shifted(self, by: int) -> "Problem":
-        return replace(self, a_R=np.roll(self.a_R, by, axis=0), a_t=np.roll(self.a_t, by, axis=0))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

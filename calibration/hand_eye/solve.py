@@ -1,7 +1,7 @@
 """Calibrate hand-eye from pictures: checks, initial values, robust refinement, outliers, next pose."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 
 import cv2
@@ -26,7 +26,7 @@ from calibration.hand_eye.refine import (
 )
 from calibration.poses import REACH_M, pose_fault, repeated_pose
 from calibration.targets.boards import View, on_one_line, outside, view_fault
-from calibration.verdict import Assessment, Rejected, floor, limit, rests_on, sift
+from calibration.verdict import Assessment, Rejected, limits, rests_on, sift
 from drivers.errors import CalibrationError, counted
 from drivers.types import Pose
 
@@ -154,35 +154,22 @@ def calibrate_hand_eye(samples: Sequence[HandEyeSample], camera: CameraModel, se
 
 
 def _assess(final: Refined, covariance: Array, from_camera: Array, samples: int, rejected: int) -> Assessment:
+    """Assess an estimate; the reason for a sigma names the camera if it causes most of the variance."""
     sigma, camera_sigma = np.sqrt(np.diag(covariance)), np.sqrt(np.diag(from_camera))
-    return (
-        limit(
-            final.rms_px, _GOOD_RMS_PX, _WORST_RMS_PX,
-            "residual of the samples {value:.2f} px: is the target rigidly mounted, the robot at rest?",
-        )
-        + _assess_sigma(
-            1e3 * sigma[3:], 1e3 * camera_sigma[3:], 1.0, 50.0,
-            "position known only to {value:.2f} mm", ": add samples", ".2f",
-        )
-        + _assess_sigma(
-            np.degrees(sigma[:3]), np.degrees(camera_sigma[:3]), 0.1, 5.0,
-            "orientation known only to {value:.3f} degrees", ": add samples with larger rotations", ".3f",
-        )
-        + floor(samples, _GOOD_SAMPLES, FEWEST_SAMPLES, f"{counted(samples, 'sample')} used; 15 are good")
-        + limit(
-            rejected, 0.15 * (samples + rejected), np.inf, f"{counted(rejected, 'sample')} left out; see why"
-        )
+    mm, camera_mm = (float(np.linalg.norm(1e3 * of[3:])) for of in (sigma, camera_sigma))
+    deg, camera_deg = (float(np.linalg.norm(np.degrees(of[:3]))) for of in (sigma, camera_sigma))
+    by_camera = f" of it from the camera's intrinsics: {_BETTER_CAMERA}"
+    more = f", {camera_mm:.2f}{by_camera}" if 2 * camera_mm**2 > mm**2 else ": add samples"
+    larger = ": add samples with larger rotations"
+    larger = f", {camera_deg:.3f}{by_camera}" if 2 * camera_deg**2 > deg**2 else larger
+    return limits(
+        (final.rms_px, _GOOD_RMS_PX, _WORST_RMS_PX,
+         "residual of the samples {value:.2f} px: is the target rigidly mounted, the robot at rest?"),
+        (mm, 1.0, 50.0, "position known only to {value:.2f} mm" + more),
+        (deg, 0.1, 5.0, "orientation known only to {value:.3f} degrees" + larger),
+        (samples, _GOOD_SAMPLES, FEWEST_SAMPLES, f"{counted(samples, 'sample')} used; 15 are good"),
+        (rejected, 0.15 * (samples + rejected), np.inf, f"{counted(rejected, 'sample')} left out; see why"),
     )  # fmt: skip
-
-
-def _assess_sigma(
-    sigma: Array, from_camera: Array, weak: float, refused: float, text: str, remedy: str, digits: str
-) -> Assessment:
-    """Assess a sigma; the reason names the camera if it causes more than half of the variance."""
-    whole, part = float(np.linalg.norm(sigma)), float(np.linalg.norm(from_camera))
-    if 2 * part**2 > whole**2:
-        remedy = f", {part:{digits}} of it from the camera's intrinsics: {_BETTER_CAMERA}"
-    return limit(whole, weak, refused, text + remedy)
 
 
 def _robust_start(problem: Problem) -> Refined:
@@ -213,12 +200,15 @@ def _contradiction(problem: Problem, found: Refined) -> str:
     """Report that the samples contradict one another, and a simple mistake that would explain it."""
     now = float(np.median(found.sample_rms_px(problem)))
     seen = f"the samples contradict one another (median residual {now:.0f} px)"
-    tries = {
-        "the robot poses look inverted (tcp_T_base for base_T_tcp, or the other setup)": problem.inverted(),
-        "pictures and poses look paired with an offset of one": problem.shifted(1),
-        "pictures and poses look paired with an offset of minus one": problem.shifted(-1),
-    }
-    for text, other in tries.items():
+    a_R, a_t = problem.a_R, problem.a_t  # noqa: N806
+    back = a_R.transpose(0, 2, 1)
+    inverted = "the robot poses look inverted (tcp_T_base for base_T_tcp, or the other setup)"
+    tries = [(inverted, back, -(back @ a_t[..., None])[..., 0])]
+    for offset, by in (("one", 1), ("minus one", -1)):
+        text = f"pictures and poses look paired with an offset of {offset}"
+        tries.append((text, np.roll(a_R, by, axis=0), np.roll(a_t, by, axis=0)))
+    for text, turns, moves in tries:
+        other = replace(problem, a_R=turns, a_t=moves)
         if float(np.median(_robust_start(other).sample_rms_px(other))) < 0.2 * now:
             return f"{seen}: {text}"
     return f"{seen}: check the pairing, the pose convention, and that target and robot are at rest"

@@ -14,7 +14,7 @@ from calibration.gel.balls import NULL_REFUSED, BallFit, GelScale, calibrate_gel
 from calibration.gel.look import visibility
 from calibration.gel.look_fit import LookFit, fit_look
 from calibration.gel.reference import SATURATED, Reference, assess_reference, drift_since, make_reference
-from calibration.verdict import Assessment, length_guess, limit
+from calibration.verdict import Assessment, length_guess, limits
 from drivers.errors import CalibrationError, InputError
 from drivers.images import load_image
 from drivers.types import Image
@@ -149,9 +149,9 @@ def _require_gel(background: Image, mm_per_px: tuple[float, float]) -> None:
 
 def _assess_look(fit: LookFit) -> Assessment:
     """Assess the look by held-out colour errors and by the fields without a press."""
-    assessment = limit(
-        100.0 * fit.error_share, 60.0, 90.0,
-        "presses left out are rendered with {value:.0f} % of their colour change wrong: press more places",
+    assessment = limits(
+        (100.0 * fit.error_share, 60.0, 90.0,
+         "presses left out are rendered with {value:.0f} % of their colour change wrong: press more places"),
     )  # fmt: skip
     bare = unpressed_fields([press.circle for press in fit.presses], fit.look.shape)
     if bare:
@@ -228,7 +228,7 @@ def _numbers(
     terms = [f"place to degree {look.place_degree}"]
     terms += ["local background"] if look.by_background else []
     terms += ["light lost beside a dent"] if look.shadows else []
-    seen = visibility(look)
+    median, worst, (worst_x, worst_y) = visibility(look)
     noise = ", ".join(f"{sigma:.1f}" for sigma in look.noise.sigma_grey)
     return numbers | {
         "slope where nothing touches": f"{fit.null_rms:.4f}",
@@ -241,8 +241,8 @@ def _numbers(
         "look, terms that presses left out support": ", ".join(terms),
         "noise (R, G, B)": f"{noise} grey",
         "colour change by a slope of 0.1 in the direction that shows least": (
-            f"{seen.median:.1f} sigma of the noise (median over the gel), {seen.worst:.1f} at worst, at "
-            f"x, y = ({seen.worst_px[0]:.0f}, {seen.worst_px[1]:.0f}) px"
+            f"{median:.1f} sigma of the noise (median over the gel), {worst:.1f} at worst, at "
+            f"x, y = ({worst_x:.0f}, {worst_y:.0f}) px"
         ),
         "JPEG quality": "no compression found" if look.jpeg_quality is None else str(look.jpeg_quality),
     }
@@ -394,16 +394,9 @@ def _reference_result(reference: Reference, serial: str, folder: Path, simulated
         numbers["light since the earlier reference (R, G, B)"] = ", ".join(f"{g:.3f}" for g in drift.gain)
         numbers["picture that changed shape"] = f"{drift.contact_share:.2%}"
     return CalibrationResult(
-        "tactile",
-        {"tactile": serial},
-        {"image_height": rows, "image_width": columns, "reference_image": path.name},
-        assessment,
-        source=f"{_FRAMES} frames at rest",
-        quality=quality,
-        numbers=numbers,
-        used=_FRAMES,
-        files=[path] if path.exists() else [],
+        "tactile", {"tactile": serial},
+        {"image_height": rows, "image_width": columns, "reference_image": path.name}, assessment,
+        source=f"{_FRAMES} frames at rest", quality=quality, numbers=numbers, used=_FRAMES,
+        files=[path] if path.exists() else [], simulated=simulated, part="reference",
         pictures=[figures.image("Reference", "The mean of the frames.", mean)],
-        simulated=simulated,
-        part="reference",
-    )
+    )  # fmt: skip

@@ -1,24 +1,19 @@
 """The gel: reference and drift, scale, detection of balls, and the map from colour to slope."""
 
-import csv
+from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
+from typing import Any
 
-import cv2
 import numpy as np
 import pytest
 
-from calibration.gel.balls import (
-    BallFit,
-    Press,
-    ball_radius_mm,
-    calibrate_gel,
-    find_press,
-    fit_scale,
-)
+from calibration.gel.balls import BallFit, Press, ball_radius_mm, calibrate_gel, find_press, fit_scale
 from calibration.gel.gradient_map import GradientMap, fit_gradient_map
 from calibration.gel.reference import assess_reference, drift_since, make_reference
 from calibration.verdict import Verdict
 from drivers.errors import CalibrationError
+from rig.benchmark.calibration.study import gelsight_presses
 from support.simulated_gel import MM_PER_PX, MadePress, SimulatedGel
 
 GEL = SimulatedGel(seed=3)
@@ -82,6 +77,43 @@ def test_ball_of_impossible_radius_is_rejected() -> None:
     assert all("fit a gel" in each.reason for each in rejected[1:])
 
 
+def hot_pixel(frame: np.ndarray) -> np.ndarray:
+    frame[100, 100] = 255
+    return frame
+
+
+def lined(frame: np.ndarray) -> np.ndarray:
+    frame[20:300, 118:124] = np.minimum(frame[20:300, 118:124].astype(int) + 80, 255)
+    return frame
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        (lambda frame: frame, "no contact"),
+        (hot_pixel, "no contact"),
+        (lined, "not round"),
+        (lambda frame: np.minimum(frame.astype(int) + 60, 255).astype(np.uint8), "not round"),
+        (lambda frame: np.full_like(frame, 90), "alike"),
+        (lambda frame: frame[:100], "differ in size"),
+        (lambda frame: frame[..., 0], "RGB is needed"),
+        (lambda frame: frame.astype(np.float32), "RGB is needed"),
+    ],
+    ids=["no contact", "hot pixel", "line", "brighter", "constant", "other size", "grey", "float"],
+)
+def test_picture_without_a_round_press_is_refused(change: Callable[[Any], Any], reason: str) -> None:
+    try:
+        said = str(find_press(change(GEL.frame(np.random.default_rng(1))), GEL.reference, "press", 4.0))
+    except CalibrationError as error:
+        said = str(error)
+    assert reason in said
+
+
+def test_three_presses_are_too_few_for_a_colour_map() -> None:
+    with pytest.raises(CalibrationError, match="8 are the least"):
+        calibrate_gel([_found(made) for made in GEL.presses(3)], MM_PER_PX)
+
+
 def _still(gain: tuple[float, ...] = (1.0, 1.0, 1.0), count: int = 10, press: bool = False) -> list:
     rng = np.random.default_rng(0)
     frames = [GEL.presses(1)[0].image if press else GEL.frame(rng) for _ in range(count)]
@@ -127,27 +159,16 @@ def test_scales_along_x_and_y_are_distinguished() -> None:
     scale = fit_scale(moves, centres)
     assert scale.mm_per_px == pytest.approx([0.058, 0.063], rel=0.02)
     assert (np.abs(scale.mm_per_px - [0.058, 0.063]) < 4 * scale.sigma).all()
-    with pytest.raises(CalibrationError, match="span both axes"):
-        fit_scale(moves[:3], centres[:3])
-    with pytest.raises(CalibrationError, match="span both axes"):
-        fit_scale(moves * (1, 0), centres)
+    for wrong in ((moves[:3], centres[:3]), (moves * (1, 0), centres)):
+        with pytest.raises(CalibrationError, match="span both axes"):
+            fit_scale(*wrong)
 
 
 @pytest.mark.slow
-def test_held_out_real_gelsight_balls_are_reconstructed_within_five_percent(real_data) -> None:
-    folder = real_data / "gelsight_ball"
-
-    def rgb(name: str) -> np.ndarray:
-        return cv2.imread(str(folder / name), cv2.IMREAD_COLOR_RGB)
-
-    reference = rgb("background.png").astype(np.float32)
-    presses = []
-    with (folder / "catalog.csv").open() as stream:
-        for row in list(csv.DictReader(stream))[::2]:  # half of the 67 presses, for the time
-            press = find_press(rgb(row["image"]), reference, row["image"], float(row["diameter(mm)"]) / 2)
-            assert isinstance(press, Press), press
-            presses.append(press)
-    result = calibrate_gel(presses, (0.0634, 0.0634), folds=4)
+def test_held_out_real_gelsight_balls_are_reconstructed_within_five_percent(real_data: Path) -> None:
+    presses = gelsight_presses(real_data / "gelsight_ball")
+    assert len(presses) == 67
+    result = calibrate_gel(presses[::2], (0.0634, 0.0634), folds=4)  # half of them, for the time
     assert set(result.radius_error()) == {3.155, 4.75}
     assert all(abs(error) < 0.05 for error in result.radius_error().values()), result.radius_error()
 

@@ -145,11 +145,6 @@ def noise_parts(robot: Array) -> Array:
     return np.array(parts)
 
 
-def covariances(parts: Array, sigmas: Array) -> Array:
-    """Return the residuals' covariances (N, 6, 6) for (6,) standard deviations; parts: `noise_parts`."""
-    return np.einsum("k,knij->nij", sigmas**2, parts)
-
-
 def fit_noise(parts: Array, residuals: Array, weights: Array, parameters: int, start: Array) -> Array:
     """Return the (6,) standard deviations that explain (N, 6) residuals best, with (N,) weights.
 
@@ -161,7 +156,7 @@ def fit_noise(parts: Array, residuals: Array, weights: Array, parameters: int, s
 
     def cost(logs: Array) -> tuple[float, Array]:
         sigmas = USUAL_NOISE * np.exp(logs)
-        combined = covariances(parts, sigmas)
+        combined = np.einsum("k,knij->nij", sigmas**2, parts)
         inverse = np.linalg.inv(combined)
         white = (inverse @ residuals[..., None])[..., 0]
         value = 0.5 * np.linalg.slogdet(combined)[1].sum()
@@ -310,7 +305,7 @@ def _fit(pairs: PosePairs, at: Transforms, sigmas: Array, rounds: int = _ROUNDS)
 
 def _at(pairs: PosePairs, at: Transforms, sigmas: Array) -> _Fit:
     missed, by_step = pair_residuals(pairs, at)
-    inverse = np.linalg.inv(covariances(noise_parts(by_robot(pairs, at)), sigmas))
+    inverse = np.linalg.inv(np.einsum("k,knij->nij", sigmas**2, noise_parts(by_robot(pairs, at))))
     return _Fit(at, missed, by_step, inverse, np.einsum("ni,nij,nj->n", missed, inverse, missed))
 
 

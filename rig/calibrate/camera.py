@@ -69,12 +69,13 @@ def camera_from_folder(
         )
     rejected = [*rejected, *fit.rejected]
     projected_px = projection_sigma_px(fit)
+    quality, numbers = _figures(fit, target, projected_px)
     return replace(
         read,
         assessment=assess_camera(fit),
         value=camera_info(fit.fit.camera, serial),
-        quality=_quality(fit, target, float(projected_px.max())),
-        numbers=_numbers(fit, projected_px),
+        quality=quality,
+        numbers=numbers,
         used=len(fit.fit.views),
         rejected=rejected,
         pictures=_pictures(fit, projected_px, folder),
@@ -82,43 +83,40 @@ def camera_from_folder(
     )
 
 
-def _quality(result: CameraFit, target: Target, projected_px: float) -> dict[str, object]:
-    spread_deg, largest_deg = board_tilts_deg(result)
-    return {
+def _figures(
+    result: CameraFit, target: Target, projected_px: figures.Array
+) -> tuple[dict[str, object], dict[str, str]]:
+    """Return quality and numbers of a camera. projected_px: see `projection_sigma_px`."""
+    fit, matrix, sigma = result.fit, result.fit.camera.matrix, result.sigma
+    worst_px, (spread_deg, largest_deg) = float(projected_px.max()), board_tilts_deg(result)
+    quality = {
         "target": target.spec,
-        "lens_model": result.fit.lens.name,
-        "terms": [TERMS[i] for i in result.fit.lens.free],
-        "sigma": result.sigma,
+        "lens_model": fit.lens.name,
+        "terms": [TERMS[i] for i in fit.lens.free],
+        "sigma": sigma,
         "covariance": result.covariance,
-        "fit_rms_px": result.fit.rms_px,
+        "fit_rms_px": fit.rms_px,
         "held_out_rms_px": result.held_out_px,
         "corner_noise_px": result.noise_px,
-        "projection_sigma_px": {"worst": projected_px},
+        "projection_sigma_px": {"worst": worst_px},
         "tilt_spread_deg": spread_deg,
         "largest_tilt_deg": largest_deg,
         "covered": covered(result),
         "view_rms_px": _view_rms_px(result),
     }
+    distortion = zip(TERMS[4:], fit.camera.distortion, strict=False)
+    return quality, {
+        "focal length": f"{matrix[0, 0]:.2f} ± {sigma[0]:.2f}, {matrix[1, 1]:.2f} ± {sigma[1]:.2f} px",
+        "principal point": f"{matrix[0, 2]:.2f} ± {sigma[2]:.2f}, {matrix[1, 2]:.2f} ± {sigma[3]:.2f} px",
+        "distortion": ", ".join(f"{name} {value:.5g}" for name, value in distortion),
+        "lens model": f"{fit.lens.name}, best of {', '.join(result.held_out_px)} on views held out",
+        "views held out are missed by": f"{result.held_out_rms_px:.3f} px (fitted: {fit.rms_px:.3f} px)",
+        "projection uncertain by": f"{np.median(projected_px):.2f} px (median), {worst_px:.2f} px at worst",
+    }
 
 
 def _view_rms_px(result: CameraFit) -> dict[str, float]:
     return {v.id: float(e) for v, e in zip(result.fit.views, result.fit.view_rms_px, strict=True)}
-
-
-def _numbers(result: CameraFit, projected_px: figures.Array) -> dict[str, str]:
-    matrix, sigma = result.fit.camera.matrix, result.sigma
-    return {
-        "focal length": f"{matrix[0, 0]:.2f} ± {sigma[0]:.2f}, {matrix[1, 1]:.2f} ± {sigma[1]:.2f} px",
-        "principal point": f"{matrix[0, 2]:.2f} ± {sigma[2]:.2f}, {matrix[1, 2]:.2f} ± {sigma[3]:.2f} px",
-        "distortion": ", ".join(
-            f"{name} {v:.5g}" for name, v in zip(TERMS[4:], result.fit.camera.distortion, strict=False)
-        ),
-        "lens model": f"{result.fit.lens.name}, best of {', '.join(result.held_out_px)} on views held out",
-        "views held out are missed by": f"{result.held_out_rms_px:.3f} px "
-        f"(fitted: {result.fit.rms_px:.3f} px)",
-        "projection uncertain by": f"{np.median(projected_px):.2f} px (median), "
-        f"{projected_px.max():.2f} px at worst",
-    }
 
 
 def _pictures(result: CameraFit, projected_px: figures.Array, folder: Path) -> list[Picture]:

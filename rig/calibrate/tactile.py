@@ -3,7 +3,7 @@
 On a bench the fingers press balls of known diameter, or the fingertips take frames without contact.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -121,12 +121,13 @@ def tactile_from_folder(
         "held_out_grey": {p.id: round(p.rms_grey, 2) for p in look.held_out},
         "error_share": round(look.error_share, 3),
     }
+    quality, numbers = _figures(fit, (across, along), scale, look)
     return replace(
         result,
         assessment=assessment,
         value=value | {"look": f"tactile-{serial}.npz"},
-        quality=_quality(fit, scale, look),
-        numbers=_numbers(fit, (across, along), scale, look),
+        quality=quality,
+        numbers=numbers,
         used=len(fit.true_mm),
         rejected=[*presses.rejected, *fit.rejected],
         pictures=_pictures(fit, presses, scale),
@@ -188,58 +189,54 @@ def _dark_or_saturated(fit: BallFit, background: Image) -> Assessment:
     return Assessment(doubts=(text,) if lost else ())
 
 
-def _quality(fit: BallFit, scale: GelScale | None, look: LookFit) -> dict[str, object]:
+def _figures(
+    fit: BallFit, mm_per_px: tuple[float, float], scale: GelScale | None, look_fit: LookFit
+) -> tuple[dict[str, object], dict[str, str]]:
+    """Return quality and numbers of a gel."""
+    look, held_out, errors = look_fit.look, look_fit.held_out, fit.radius_error()
     quality: dict[str, object] = {
         "normal_rms_held_out": fit.normal_rms,
         "null_rms": fit.null_rms,
         "held_out_radius_mm": fit.held_out_mm,
-        "radius_error": {f"{r:g} mm": e for r, e in fit.radius_error().items()},
+        "radius_error": {f"{radius:g} mm": error for radius, error in errors.items()},
     }
+    across, along = mm_per_px
+    numbers = {"scale along x, y": f"{across:.5f}, {along:.5f} mm per px"}
     if scale is not None:
         quality |= {
             "mm_per_px_sigma": scale.sigma,
             "pixel_aspect_sigma": scale.aspect_sigma,
             "moves_missed_px": scale.residual_px,
         }
-    return quality | {
-        "look_error_share": look.error_share,
-        "look_held_out_grey": {p.id: p.rms_grey for p in look.held_out},
-        "look_held_out_adjusted_grey": {p.id: p.adjusted_grey for p in look.held_out},
-        "colour_change_grey": {p.id: p.change_grey for p in look.held_out},
-        "noise_grey": look.look.noise.sigma_grey,
-    }
-
-
-def _numbers(
-    fit: BallFit, mm_per_px: tuple[float, float], scale: GelScale | None, look_fit: LookFit
-) -> dict[str, str]:
-    def rms(values: Iterable[float]) -> float:
-        return float(np.sqrt(np.mean(np.square(list(values)))))
-
-    across, along = mm_per_px
-    numbers = {"scale along x, y": f"{across:.5f}, {along:.5f} mm per px"}
-    if scale is not None:
         sx, sy = scale.sigma
         numbers["scale along x, y"] = f"{across:.5f} ± {sx:.5f}, {along:.5f} ± {sy:.5f} mm per px"
         numbers["pixel, width over height"] = f"{scale.pixel_aspect:.4f} ± {scale.aspect_sigma:.4f}"
-    for radius, error in fit.radius_error().items():
+    quality |= {
+        "look_error_share": look_fit.error_share,
+        "look_held_out_grey": {p.id: p.rms_grey for p in held_out},
+        "look_held_out_adjusted_grey": {p.id: p.adjusted_grey for p in held_out},
+        "colour_change_grey": {p.id: p.change_grey for p in held_out},
+        "noise_grey": look.noise.sigma_grey,
+    }
+    for radius, error in errors.items():
         numbers[f"balls of {2 * radius:g} mm, left out"] = f"{100 * error:+.1f} % in radius (median)"
-    look, held_out = look_fit.look, look_fit.held_out
+    given, adjusted, change = (
+        float(np.sqrt(np.mean(np.square(values))))
+        for values in zip(*((p.rms_grey, p.adjusted_grey, p.change_grey) for p in held_out), strict=True)
+    )
     terms = [f"place to degree {look.place_degree}"]
     terms += ["local background"] if look.by_background else []
     terms += ["light lost beside a dent"] if look.shadows else []
     median, worst, (worst_x, worst_y) = visibility(look)
-    noise = ", ".join(f"{sigma:.1f}" for sigma in look.noise.sigma_grey)
-    return numbers | {
+    return quality, numbers | {
         "slope where nothing touches": f"{fit.null_rms:.4f}",
         "error of a normal's part, left out": f"{fit.normal_rms:.4f}",
         "look, colour error of presses left out": (
-            f"{rms(p.rms_grey for p in held_out):.1f} grey from their circles, "
-            f"{rms(p.adjusted_grey for p in held_out):.1f} with circles adjusted, of a change of "
-            f"{rms(p.change_grey for p in held_out):.1f}"
+            f"{given:.1f} grey from their circles, {adjusted:.1f} with circles adjusted, of a change of "
+            f"{change:.1f}"
         ),
         "look, terms that presses left out support": ", ".join(terms),
-        "noise (R, G, B)": f"{noise} grey",
+        "noise (R, G, B)": ", ".join(f"{sigma:.1f}" for sigma in look.noise.sigma_grey) + " grey",
         "colour change by a slope of 0.1 in the direction that shows least": (
             f"{median:.1f} sigma of the noise (median over the gel), {worst:.1f} at worst, at "
             f"x, y = ({worst_x:.0f}, {worst_y:.0f}) px"

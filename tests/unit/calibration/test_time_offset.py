@@ -52,6 +52,8 @@ def test_invalid_orientations_are_discarded_or_rejected() -> None:
     turns = Rotation.from_rotvec(np.outer(np.arange(60) * 0.01, [0, 0, 1.0])).as_quat()
     turns[5] = np.nan
     turns[7] = 0.0
+    mirrored = Rotation.from_quat(turns[30]) * Rotation.from_euler("x", 40, degrees=True)
+    turns[30] = mirrored.as_quat()
     assert turning_rate(times, turns, "camera").values == pytest.approx(1.0, rel=1e-6)
     for wrong, reason in ((np.zeros((60, 4)), "no orientations over"), (turns[:, :3], "quaternions")):
         with pytest.raises(CalibrationError, match=reason):

@@ -58,12 +58,11 @@ def gripper_from_folder(folder: Path, serial: str, step_m: float = STEP_M) -> Ca
         counts, opening_m = number_in(row, "counts", where), number_in(row, "opening_mm", where) / 1e3
         samples.append(OpeningSample(f"line {line}", counts, opening_m, Direction(way)))
     result = calibrate_opening(samples, step_m)
-    numbers, curves = {}, {}
-    for way, table in result.tables.items():
-        counts, opening_mm = table.counts, 1e3 * table.opening_m
-        curves[str(way)] = counts, opening_mm
-        ends_mm = f"{opening_mm[-1]:.1f} to {opening_mm[0]:.1f} mm"
-        numbers[str(way)] = f"{counts[0]:g} to {counts[-1]:g} counts, {ends_mm}"
+    curves = {str(way): (counts, 1e3 * opening_m) for way, (counts, opening_m) in result.tables.items()}
+    numbers = {
+        way: f"{counts[0]:g} to {counts[-1]:g} counts, {opening_mm[-1]:.1f} to {opening_mm[0]:.1f} mm"
+        for way, (counts, opening_mm) in curves.items()
+    }
     if result.hysteresis_m is not None:
         numbers["hysteresis"] = f"{1e3 * result.hysteresis_m:.2f} mm"
     text = (
@@ -73,7 +72,7 @@ def gripper_from_folder(folder: Path, serial: str, step_m: float = STEP_M) -> Ca
     used = result.tables.get(Direction.CLOSING)
     return CalibrationResult(
         "gripper", {"gripper": serial},
-        {"closing": {"counts": used.counts, "opening_m": used.opening_m}} if used else {}, result.assessment,
+        {"closing": dict(zip(("counts", "opening_m"), used, strict=True))} if used else {}, result.assessment,
         quality={} if result.hysteresis_m is None else {"hysteresis_m": result.hysteresis_m},
         source=str(folder), numbers=numbers, used=len(samples) - len(result.rejected),
         rejected=result.rejected, files=[path],

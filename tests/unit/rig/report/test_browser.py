@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from calibration.verdict import floor, limit
+from calibration.verdict import limits
 from drivers.types import Pose
 from rig.calibrate import figures
 from rig.calibrate.result import CalibrationResult, file_result
@@ -89,8 +89,9 @@ def calibration(folder: Path) -> Path:
         "to add to the stream": "1.2 ms",
         "a long name of a number with a long value": "2 " * 30,
     }
-    checked = limit(0.4, 1.0, 5.0, "the offset is known to {value:.2f} ms only: wiggle faster") + floor(
-        8, 10, 5, "{value} samples used; 15 are good"
+    checked = limits(
+        (0.4, 1.0, 5.0, "the offset is known to {value:.2f} ms only: wiggle faster"),
+        (8, 10, 5, "{value} samples used; 15 are good"),
     )
     result = CalibrationResult(
         "sync", {"stream": "SIM-C0001"}, {"add_to_stream_s": 0.001}, checked, source="folder",

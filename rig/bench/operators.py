@@ -123,8 +123,9 @@ class ConsoleOperator:
         tell: Callable[[str], str] | None = None,
         wait: Callable[[str], Guidance] | None = None,
         press: Callable[[str], str] | None = None,
+        feeder: str | None = None,
     ) -> None:
-        self.feeder: str | None = None
+        self.feeder = feeder
         self._ask, self._tell, self._wait, self._press = ask, tell, wait, press
         self._agreed = agreed
         self._in_place: str | None = None

@@ -153,7 +153,7 @@ def test_yes_answers_for_a_real_bench_only_if_the_command_line_names_it(
 ) -> None:
     answered: list[bool] = []
 
-    def operator(_ask: object, agreed: bool) -> None:
+    def operator(_ask: object, agreed: bool, feeder: str | None) -> None:
         answered.append(agreed)
         raise OperatorStopError("nothing is started here")
 

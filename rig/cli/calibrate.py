@@ -69,7 +69,7 @@ class StationOptions(WatchOptions):
     json: JsonOption = False
 
     @property
-    def folder(self) -> Path:
+    def files(self) -> Path:
         """Folder of the calibration files: --out, by default the folder that trials on the bench read."""
         from rig.config.calibrations import calibrations_folder
 
@@ -139,14 +139,13 @@ def _station(
         listeners = stack.enter_context(watched(context, watch, title, what, total))
         show = None
         if listeners:
-            from rig.live.feed import LiveFeed
             from rig.live.observer import PictureSender
 
-            show = stack.enter_context(closing(PictureSender(LiveFeed(listeners))))
+            show = stack.enter_context(closing(PictureSender(listeners)))
         yield Station(
             config,
             options.seed,
-            options.folder,
+            options.files,
             ConsoleOperator(ask, agreed or options.yes, ask_line),
             say,
             partial(dry_run, config, json=options.json) if options.dry else lambda plan: None,
@@ -160,14 +159,14 @@ def _file(results: "CalibrationResult | list[CalibrationResult]", options: Stati
     Raises `CalibrationError` at the end if any is refused.
     """
     if not isinstance(results, list):
-        figures = _filed(results, options.folder)
+        figures = _filed(results, options.files)
         print_result(options.json, figures, figures["file"], figures["page"])
         return
     filed: list[dict[str, Any]] = []
     refused: list[str] = []
     for result in results:
         try:
-            filed.append(_filed(result, options.folder))
+            filed.append(_filed(result, options.files))
         except CalibrationError as error:
             refused.append(str(error))
             say(str(error))

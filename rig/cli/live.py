@@ -169,7 +169,7 @@ def desk_of(
     from rig.bench.live_source import SENSORS, live_sources, serial_of
     from rig.frames.estimates import require_frames_suffice
     from rig.live.desk import Desk, DeskSettings
-    from rig.live.feed import LiveFeed, Sender
+    from rig.live.feed import Sender
     from rig.tactile.estimators import choose_estimator
 
     texts = options.sources
@@ -192,7 +192,7 @@ def desk_of(
         simulated=is_simulated(texts),
         estimators=offered(options.estimator),
     )
-    sender = Sender(LiveFeed(tuple(listeners)))
+    sender = Sender(listeners)
     stack.callback(sender.close)
     return Desk(sources, settings, sender)
 

@@ -71,7 +71,6 @@ def record(context: typer.Context, options: RecordOptions) -> None:
     """
     from rig.bench.source import session_bench
     from rig.experiments.record import recording_plan, run_record
-    from rig.live.feed import LiveFeed
     from rig.sessions.rows import read_poses
     from rig.terminal.progress import OneMessage, WorkProgress
 
@@ -92,8 +91,7 @@ def record(context: typer.Context, options: RecordOptions) -> None:
         WorkProgress(settings.poses, "poses") as bar,
     ):
         progress = announcing(bar.showing(message), _note, fault)
-        feed = LiveFeed(listeners)
-        rows = run_record(folder, settings, options.resume, benches, progress, remarks, feed)
+        rows = run_record(folder, settings, options.resume, benches, progress, remarks, listeners)
     wall_s = round(time.perf_counter() - began, 2)
     figures, text = _images(rows)
     say(f"{simulated}{text}, {wall_s:.1f} s")

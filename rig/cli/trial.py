@@ -238,7 +238,7 @@ def _lift_all(context: typer.Context, trial: _Trial, began: float) -> "TrialSumm
         may_be_continued(folder, options, show_partial),
         watched(context, options, title, "lifts", trial.wanted, trial.done) as others,
         session_bench(config, person, question, settings.realtime) as benches,
-        live_session(options.live, others) as (feed, inbox),
+        live_session(options.live, others) as (listeners, inbox),
         TrialView(trial.wanted, inbox, message, trial.done, trial.usual_s) as view,
     ):
         return run_trial(
@@ -250,6 +250,6 @@ def _lift_all(context: typer.Context, trial: _Trial, began: float) -> "TrialSumm
             resume=options.resume,
             benches=benches,
             progress=announcing(view, lift_note, fault),
-            live=feed,
+            live=listeners,
             remarks=options.remarks(),
         )

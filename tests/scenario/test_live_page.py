@@ -18,7 +18,7 @@ from statistics import median
 
 import pytest
 
-from rig.live.feed import LiveFeed, Sender
+from rig.live.feed import Sender
 from rig.live.watch import WatchPage, watch_address
 from support.browser import FLAWS, NEEDS_CHROMIUM, SEEN, Browser
 from support.desk_streams import desk_streams
@@ -164,7 +164,7 @@ class Shown:
 
     def __init__(self, browser: Browser) -> None:
         self.page = WatchPage(watch_address(None), "SIMULATED rig live fake", estimators=["slip"])
-        self._sender = Sender(LiveFeed((self.page.listener,)))
+        self._sender = Sender([self.page.listener])
         self.browser, self.time_s = browser, 100.0
 
     def send(self, count: int, state: str, angle_deg: float | None, **more: object) -> None:

@@ -13,7 +13,7 @@ import pytest
 from drivers.clock import to_ns
 from drivers.errors import InputError
 from fakes.clock import SimulatedClock
-from rig.live.feed import KEPT_MESSAGES, LARGEST_BYTES, Inbox, Listener, LiveFeed, Message, Sender
+from rig.live.feed import KEPT_MESSAGES, LARGEST_BYTES, Inbox, Listener, Message, Sender
 from rig.live.session import check_viewer, viewer_environment
 from rig.live.state import LiftInView
 from rig.live.trial_view import TrialView
@@ -39,7 +39,7 @@ def wait_for(inbox: Inbox, count: int) -> list[Message]:
 
 def test_messages_arrive_and_images_only_on_request(tmp_path: Path) -> None:
     table, viewer = Inbox(str(tmp_path / "t")), Inbox(str(tmp_path / "v"))
-    sender = Sender(LiveFeed((Listener(table.address, False), Listener(viewer.address, True))))
+    sender = Sender([Listener(table.address, False), Listener(viewer.address, True)])
     picture = os.urandom(30_000) + b"\n"
     sender.send("frame", {"serial": "D1"}, picture)
     sender.send("phase", {"phase": "B"})
@@ -56,13 +56,13 @@ def test_messages_arrive_and_images_only_on_request(tmp_path: Path) -> None:
 def test_messages_without_a_reader_are_dropped_without_blocking(tmp_path: Path) -> None:
     import socket
 
-    absent = Sender(LiveFeed((Listener(str(tmp_path / "nobody"), True),)))
+    absent = Sender([Listener(str(tmp_path / "nobody"), True)])
     absent.send("phase", {})
     absent.send("frame", {}, b"x" * LARGEST_BYTES)
     assert absent.lost == 2
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as stopped:
         stopped.bind(str(tmp_path / "stopped"))
-        sender = Sender(LiveFeed((Listener(str(tmp_path / "stopped"), True),)))
+        sender = Sender([Listener(str(tmp_path / "stopped"), True)])
         for _ in range(100):  # a socket that waited would never come back from this
             sender.send("frame", {}, b"x" * 20_000)
         assert 0 < sender.lost < 100
@@ -72,7 +72,7 @@ def test_messages_without_a_reader_are_dropped_without_blocking(tmp_path: Path) 
 
 def test_late_reader_gets_the_newest_messages(tmp_path: Path) -> None:
     inbox = Inbox(str(tmp_path / "a"))
-    sender = Sender(LiveFeed((Listener(inbox.address, False),)))
+    sender = Sender([Listener(inbox.address, False)])
     count = KEPT_MESSAGES + 200
     for number in range(count):
         lost = sender.lost
@@ -170,7 +170,7 @@ def test_progress_is_printed_as_lines_without_a_terminal(
 ) -> None:
     monkeypatch.setattr("rig.live.trial_view.PLAIN_EVERY_S", 0.02)
     inbox = Inbox(str(tmp_path / "a"))
-    sender = Sender(LiveFeed((Listener(inbox.address, False),)))
+    sender = Sender([Listener(inbox.address, False)])
     row = lift_row(3, lift=2, final_truth_deg=-8.0)
     text = ""
     with TrialView(5, inbox, lift_note) as view:

@@ -23,7 +23,7 @@ import pytest
 
 from drivers.errors import InputError, OperatorStopError
 from drivers.images import encode_jpeg
-from rig.live.feed import Inbox, Listener, LiveFeed, Message, Sender
+from rig.live.feed import Inbox, Listener, Message, Sender
 from rig.live.state import KEPT_FAULTS, KEPT_POINTS, RECORD_HEAD, Progress, StateNews, WatchState
 from rig.live.watch import WatchPage, watch_address
 from rig.pages.serving import BURST, MOST_PER_S
@@ -81,7 +81,7 @@ until = waiting.until
 
 def test_page_shows_the_newest_values(page: WatchPage) -> None:
     assert b"SIMULATED trial &lt;b&gt;" in get(page, "/")[1]
-    sender = Sender(LiveFeed((page.listener,)))
+    sender = Sender([page.listener])
     sender.send("figures", {**LIFT, **FIGURES})
     sender.send("frame", {**LIFT, "serial": "D1/x", "time_ns": 5}, JPEG)
     until(lambda: bool(values(page)["pictures"]))
@@ -121,7 +121,7 @@ def test_question_is_shown_until_answered_and_faults_stay(page: WatchPage) -> No
 def test_browser_shows_live_updates(page: WatchPage, tmp_path: Path, width: int, scheme: str) -> None:
     black = encode_jpeg(np.zeros((8, 6, 3), np.uint8), 80)
     browser = Browser(tmp_path / "profile")
-    sender = Sender(LiveFeed((page.listener,)))
+    sender = Sender([page.listener])
     try:
         browser.open(page.address, width, scheme)
 
@@ -280,7 +280,7 @@ def test_page_of_this_computer_needs_no_key(still_page: WatchPage) -> None:
 def test_browser_shows_a_page_for_other_computers_and_presses_its_buttons(tmp_path: Path) -> None:
     made = WatchPage(watch_address("0.0.0.0:0"), "rig live D1", estimators=["slip"])
     browser = Browser(tmp_path / "profile")
-    sender = Sender(LiveFeed((made.listener,)))
+    sender = Sender([made.listener])
     try:
         at = urlsplit(made.address)
         browser.open(f"http://127.0.0.1:{at.port}/?{at.query}", 1280, "light")
@@ -419,7 +419,7 @@ def test_suspended_page_delays_nothing_and_catches_up_later(page: WatchPage) -> 
     assert process.pid
     os.kill(process.pid, signal.SIGSTOP)
     other = Inbox(f"{Path(page.listener.address).parent}/other")
-    sender = Sender(LiveFeed((page.listener, Listener(other.address, pictures=True))))
+    sender = Sender([page.listener, Listener(other.address, pictures=True)])
     began = time.monotonic()
     for number in range(2000):
         page.show_event(Event("fault", "it fell"))
@@ -450,7 +450,7 @@ def test_ended_page_changes_nothing_for_the_command(page: WatchPage) -> None:
     page_process().kill()
     page_process().join(10)
     page.show_event(Event("question", "Ready?"))
-    sender = Sender(LiveFeed((page.listener,)))
+    sender = Sender([page.listener])
     sender.send("frame", {**LIFT, "serial": "D1", "time_ns": 1}, JPEG)
     sender.close()
 

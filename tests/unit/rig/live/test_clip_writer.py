@@ -18,7 +18,7 @@ from rig.frames.clips import ABOUT, FRAMES, TIMES
 from rig.frames.series import read_frames
 from rig.live.clip_writer import ClipWriter
 from rig.live.desk import Desk, DeskSettings
-from rig.live.feed import LiveFeed, Sender
+from rig.live.feed import Sender
 from rig.tactile.estimators import choose_estimator
 from support.desk_frames import GivenFrames, desk_frames
 
@@ -181,7 +181,7 @@ def test_invalid_table_of_a_clip_is_rejected(tmp_path: Path, text: str, said: st
 def test_full_disk_ends_the_clip_and_the_live_view_goes_on(tmp_path: Path) -> None:
     frames = list(desk_frames(5.0))
     settings = DeskSettings(choose_estimator("ellipse"), clips=tmp_path)
-    with Desk([GivenFrames(frames)], settings, Sender(LiveFeed())) as desk:
+    with Desk([GivenFrames(frames)], settings, Sender()) as desk:
         while not desk.recording:
             desk.step()
             desk.act("record")

@@ -16,14 +16,13 @@ from drivers.types import Frame
 from rig.frames.estimates import Estimation
 from rig.frames.series import read_frames
 from rig.live.desk import Desk, DeskSensor, DeskSettings, Reading
-from rig.live.feed import OBJECT, Inbox, Listener, LiveFeed, Sender
+from rig.live.feed import OBJECT, Inbox, Listener, Sender
 from rig.live.sensor_background import BACKGROUND_FRAMES, store_background, stored_background
 from rig.tactile.estimators import choose_estimator
 from support.desk_frames import GivenFrames, desk_digit, desk_frames
 
 CLOCK = SystemClock()
 SLIP = choose_estimator("slip")
-NO_VIEWER = LiveFeed()
 
 
 def readings(sensor: DeskSensor, until_s: float, side: int = 1) -> list[Reading]:
@@ -58,7 +57,7 @@ def test_angle_follows_the_object_from_the_moment_the_contact_has_settled(side: 
 def test_recorded_clip_is_read_with_its_background_and_times(tmp_path: Path) -> None:
     frames = list(desk_frames(7.0))
     settings = DeskSettings(choose_estimator("ellipse"), clips=tmp_path)
-    with Desk([GivenFrames(frames)], settings, Sender(NO_VIEWER)) as desk:
+    with Desk([GivenFrames(frames)], settings, Sender()) as desk:
         desk.act("record")
         assert desk.notice == "record: wait until the background is taken"
         taken = 0
@@ -92,7 +91,7 @@ def test_clip_has_the_frames_unchanged_and_gives_the_angles_of_the_live_view(
     frames = [frame if with_jpeg else replace(frame, jpeg=None) for frame in desk_frames(8.0)]
     live: list[Reading] = []
     settings = DeskSettings(SLIP, clips=tmp_path, simulated=True)
-    with Desk([GivenFrames(frames)], settings, Sender(NO_VIEWER)) as desk:
+    with Desk([GivenFrames(frames)], settings, Sender()) as desk:
         while len(live) < BACKGROUND_FRAMES:
             live += desk.step()
         desk.act("record")
@@ -118,7 +117,7 @@ def test_two_sensors_give_one_angle() -> None:
     pairs = {f"D{side}": list(desk_frames(7.5, side)) for side in (1, -1)}
     sources = [GivenFrames(frames, name) for name, frames in pairs.items()]
     found: list[Reading] = []
-    with Desk(sources, DeskSettings(SLIP), Sender(NO_VIEWER)) as desk:
+    with Desk(sources, DeskSettings(SLIP), Sender()) as desk:
         while not desk.ended:
             found += [reading for reading in desk.step() if reading.name == OBJECT]
     last = found[-1].sample
@@ -131,7 +130,7 @@ def test_two_sensors_give_one_angle() -> None:
 
 def test_user_can_set_reference_background_and_estimator() -> None:
     frames = list(desk_frames(5.5))
-    with Desk([GivenFrames(frames)], DeskSettings(SLIP), Sender(NO_VIEWER)) as desk:
+    with Desk([GivenFrames(frames)], DeskSettings(SLIP), Sender()) as desk:
 
         def until(state: str) -> Reading:
             while True:
@@ -175,7 +174,7 @@ def test_estimators_that_are_not_offered_are_not_imported_and_recording_goes_on(
     monkeypatch.syspath_prepend(tmp_path)
     frames = list(desk_frames(5.5))
     settings = DeskSettings(choose_estimator("ellipse"), clips=tmp_path / "clips")
-    with Desk([GivenFrames(frames)], settings, Sender(NO_VIEWER)) as desk:
+    with Desk([GivenFrames(frames)], settings, Sender()) as desk:
         taken = 0
         while taken < BACKGROUND_FRAMES:
             taken += len(desk.step())
@@ -198,7 +197,7 @@ def test_offered_estimator_that_cannot_be_made_is_refused_and_the_view_goes_on(
     frames = list(desk_frames(5.5))
     names = ("ellipse", "broken_tip:Move", "builtins:dict")
     settings = DeskSettings(choose_estimator("ellipse"), clips=tmp_path / "clips", estimators=names)
-    with Desk([GivenFrames(frames)], settings, Sender(NO_VIEWER)) as desk:
+    with Desk([GivenFrames(frames)], settings, Sender()) as desk:
         while not collecting and not desk.recording:
             desk.step()
             desk.act("record")
@@ -214,7 +213,7 @@ def test_offered_estimator_that_cannot_be_made_is_refused_and_the_view_goes_on(
 
 def test_frame_with_picture_and_outline_reaches_viewers(tmp_path: Path) -> None:
     inbox = Inbox(str(tmp_path / "viewer"))
-    sender = Sender(LiveFeed((Listener(inbox.address, pictures=True),)))
+    sender = Sender([Listener(inbox.address, pictures=True)])
     with Desk(
         [GivenFrames(list(desk_frames(4.0)))], DeskSettings(choose_estimator("ellipse")), sender
     ) as desk:
@@ -236,7 +235,7 @@ def test_source_that_cannot_be_opened_leaves_none_open() -> None:
     good = GivenFrames([])
     with (
         pytest.raises(DeviceError, match="connection was refused"),
-        Desk([good, Broken([], "BROKEN")], DeskSettings(SLIP), Sender(NO_VIEWER)),
+        Desk([good, Broken([], "BROKEN")], DeskSettings(SLIP), Sender()),
     ):
         pass
     assert not good.connected
@@ -353,7 +352,7 @@ def test_background_that_cannot_be_stored_is_used_all_the_same(
 def test_source_with_the_name_of_the_fused_angle_is_refused() -> None:
     sources = [GivenFrames([], "D20001"), GivenFrames([], OBJECT)]
     with pytest.raises(InputError, match="source 'object'"):
-        Desk(sources, DeskSettings(SLIP), Sender(NO_VIEWER))
+        Desk(sources, DeskSettings(SLIP), Sender())
 
 
 def test_reading_names_the_time_of_its_reference() -> None:
@@ -366,7 +365,7 @@ def test_reading_names_the_time_of_its_reference() -> None:
 
 def test_end_of_a_source_names_its_frames() -> None:
     frames = list(desk_frames(6.0))
-    with Desk([GivenFrames(frames)], DeskSettings(SLIP), Sender(NO_VIEWER)) as desk:
+    with Desk([GivenFrames(frames)], DeskSettings(SLIP), Sender()) as desk:
         answered = 0
         while not desk.ended:
             answered += sum(r.sample is not None and r.sample.angle_deg is not None for r in desk.step())

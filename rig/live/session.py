@@ -21,7 +21,7 @@ _log = logging.getLogger("rig.live")
 
 
 def check_viewer() -> None:
-    """Raise `InputError` if the viewer cannot be started."""
+    """Raise `InputError` if the viewer of `--live` cannot be started."""
     require_extra("rerun", "live", "the live view needs")
     if not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         raise InputError("--live: there is no display here; watch in a browser instead: --watch")

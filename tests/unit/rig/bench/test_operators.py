@@ -130,7 +130,7 @@ def test_protective_stop_is_released_only_after_an_inspection() -> None:
         assert bench.arm.state().mode is ArmMode.RUNNING
 
 
-def test_objects_are_asked_for_when_they_change_and_after_a_fall() -> None:
+def test_objects_are_asked_for_when_they_change_and_after_a_fall(monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[str] = []
     operator = ConsoleOperator(lambda question: not asked.append(question))
     for object_id, name in (("t1", "wrench"), ("t1", "wrench"), ("", ""), ("t1", "wrench"), ("7", "spam")):
@@ -139,6 +139,11 @@ def test_objects_are_asked_for_when_they_change_and_after_a_fall() -> None:
         else:
             operator.displaced()
     assert [question.split()[2] for question in asked] == ["t1", "t1", "7"]
+    asked.clear()
+    standing = standing_bench(monkeypatch, operator, Holding.FREE)
+    standing.place_first("t1", "it fell")
+    operator.place("t1", "wrench")
+    assert len(asked) == 2, "it is not asked for again after the question whether to begin"
 
 
 def test_agreement_in_advance_covers_only_the_first_object() -> None:
@@ -180,15 +185,6 @@ def test_first_object_of_a_resumed_session_is_asked_for_before_the_first_motion(
     if remembered is Holding.UNKNOWN:
         with pytest.raises(OperatorStopError, match="it fell: a person has to place"):
             person.place("t1", "wrench")
-
-
-def test_placed_first_object_is_not_asked_for_again(monkeypatch: pytest.MonkeyPatch) -> None:
-    asked: list[str] = []
-    person = ConsoleOperator(lambda question: not asked.append(question), agreed=True)
-    standing = standing_bench(monkeypatch, person, Holding.FREE)
-    standing.place_first("t1", "it fell")
-    person.place("t1", "wrench")
-    assert len(asked) == 1
 
 
 def standing_bench(

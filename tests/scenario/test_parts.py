@@ -137,6 +137,9 @@ def test_whole_simulated_bench_is_recorded_by_hand_with_its_fingertips_alone(tmp
     assert serials == ["SIM-D0001"] * 2 + ["SIM-D0002"] * 2
     manifest = read_manifest(tmp_path / "s")
     assert not any(manifest.config.has(section) for section in ("arm", "gripper", "camera"))
+    wire = rig("record", "--object", "7", "--by", "hand", "--bench", "wire", "--out", tmp_path / "t")
+    assert wire.returncode == 2
+    assert "simulated over the wire protocols" in wire.stderr
 
 
 def by_hand(file: Path, folder: Path, answers: list[str]) -> list[str]:
@@ -167,18 +170,9 @@ def test_person_is_asked_for_each_pose_of_a_real_sensor_even_with_yes(real_gel: 
     image = cv2.imread(str(tmp_path / "s" / rows[0].images[0].file))
     assert np.abs(image[160, 120].astype(int) - (120, 60, 180)).max() < 20
     assert not read_manifest(tmp_path / "s").simulated
-
-
-def test_recording_by_hand_stops_if_the_person_does_not_press(real_gel: Path, tmp_path: Path) -> None:
     with pytest.raises(OperatorStopError):
-        by_hand(real_gel, tmp_path / "s", ["yes", "yes", "no"])
-    assert [row.accepted for row in read_poses(tmp_path / "s")] == [True]
-
-
-def test_recording_by_hand_is_rejected_over_the_wire_protocols(tmp_path: Path) -> None:
-    shown = rig("record", "--object", "7", "--by", "hand", "--bench", "wire", "--out", tmp_path / "s")
-    assert shown.returncode == 2
-    assert "simulated over the wire protocols" in shown.stderr
+        by_hand(real_gel, tmp_path / "stopped", ["yes", "yes", "no"])
+    assert [row.accepted for row in read_poses(tmp_path / "stopped")] == [True]
 
 
 def test_simulated_calibration_is_refused_for_a_real_sensor_of_that_serial(
@@ -260,6 +254,7 @@ def test_fingertip_is_put_on_the_clock_of_the_camera_by_hand(
 def test_command_without_its_devices_names_them_and_the_possible_commands(
     desk: Path, command: list[object], needs: str
 ) -> None:
+    """What each command needs is tested in `tests/unit/rig/config/test_parts.py`."""
     shown = rig(*command, "--bench", desk)
     assert shown.returncode == 2
     assert needs in shown.stderr

@@ -34,11 +34,11 @@ def with_options(command: Callable[..., Any]) -> Callable[..., Any]:
 
     def called(**values: Any) -> Any:
         given: dict[str, Any] = {}
-        for name, kind in declared.items():
-            own = fields(kind) if is_dataclass(kind) else None
-            given[name] = (
-                values[name] if own is None else kind(**{each.name: values[each.name] for each in own})
-            )
+        for name, make in declared.items():
+            if is_dataclass(hints[name]):
+                given[name] = make(**{each.name: values[each.name] for each in fields(make)})
+            else:
+                given[name] = values[name]
         return command(**given)
 
     set_signature(called, flat)

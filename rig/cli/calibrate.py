@@ -1,7 +1,7 @@
 """`rig calibrate`: write calibration files and pages, from recorded samples or on the bench."""
 
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, closing, contextmanager
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack, closing
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from drivers.errors import CalibrationError, InputError
-from rig.cli.common import emit_json, mark, print_result, say
+from rig.cli.common import mark, print_result, say
 from rig.cli.helping import Commands
 from rig.cli.options import (
     BenchOption,
@@ -27,7 +27,6 @@ from rig.terminal.questions import ask, ask_line
 from rig.terminal.screen import begin_phase
 
 if TYPE_CHECKING:
-    from rig.calibrate.bench import Station
     from rig.calibrate.result import CalibrationResult
 
 TargetOption = Annotated[
@@ -82,75 +81,48 @@ def calibrated(
     work: tuple[str, int],
     on_bench: Sequence[object],
     from_folder: Callable[[], Sequence[object]],
-    **settings: Any,
+    agreed: bool = False,
+    objects: Path | None = None,
+    needs: str = "",
 ) -> None:
     """Calibrate from the folder of --from, or on the bench without it; store and print the results.
 
     work: name and number of the items for the watch page. on_bench, from_folder: arguments of the kind's
-    `collect` and `solve`, after the station and the folder. settings: further arguments of `_station`.
-    """
-    from rig.calibrate.kinds import KINDS
-
-    kind = KINDS[str(context.info_name)]
-    if options.source is None:
-        with _station(context, options, *work, **settings) as at:
-            _file(kind.collect(at, *on_bench), options)
-        return
-    for name in ("watch", "watch_at"):
-        if getattr(options, name):
-            named = name.replace("_", "-")
-            raise InputError(
-                f"--{named} is for a calibration on a bench: leave it out with --from {options.source}"
-            )
-    begin_phase(f"calibrating from {options.source}")
-    _file(kind.solve(options.source, *from_folder()), options)
-
-
-@contextmanager
-def _station(
-    context: typer.Context,
-    options: StationOptions,
-    what: str,
-    total: int,
-    agreed: bool = False,
-    objects: Path | None = None,
-    needs: str = "",
-) -> "Iterator[Station]":
-    """Yield the station of a collection: the bench, the operator, and the folder of the results.
-
-    what, total: name and number of the items for the watch page. agreed: whether every question is agreed to,
-    as with --yes. objects: folder of own objects. needs: name in `rig.config.parts.NEEDS`, by default that of
+    `collect` and `solve`, after the station and the folder. agreed: whether every question is agreed to, as
+    with --yes. objects: folder of own objects. needs: name in `rig.config.parts.NEEDS`, by default that of
     the command. With --dry-run the plan is shown, as by `dry_run`, and the command ends. Raises `InputError`.
     """
     from rig.bench.operators import ConsoleOperator
     from rig.calibrate.bench import Station
+    from rig.calibrate.kinds import KINDS
     from rig.config import load_bench
     from rig.config.objects import with_objects
     from rig.config.parts import require_parts
+    from rig.live.observer import PictureSender
 
+    kind, source = KINDS[str(context.info_name)], options.source
+    if source is not None:
+        for name, given in (("watch", options.watch), ("watch-at", options.watch_at)):
+            if given:
+                raise InputError(
+                    f"--{name} is for a calibration on a bench: leave it out with --from {source}"
+                )
+        begin_phase(f"calibrating from {source}")
+        _file(kind.solve(source, *from_folder()), options)
+        return
     config = with_objects(load_bench(options.bench), options.bench, objects)
     require_parts(config, needs or f"rig calibrate {context.info_name}")
-    title = (
-        f"{mark(config.simulated and not config.mixed)}calibrate {context.info_name} on bench '{config.name}'"
-    )
+    simulated = mark(config.simulated and not config.mixed)
+    title = f"{simulated}calibrate {context.info_name} on bench '{config.name}'"
     say(title)
     with ExitStack() as stack:
         watch = WatchOptions() if options.dry else options
-        listeners = stack.enter_context(watched(context, watch, title, what, total))
-        show = None
-        if listeners:
-            from rig.live.observer import PictureSender
-
-            show = stack.enter_context(closing(PictureSender(listeners)))
-        yield Station(
-            config,
-            options.seed,
-            options.files,
-            ConsoleOperator(ask, agreed or options.yes, ask_line),
-            say,
-            partial(dry_run, config, json=options.json) if options.dry else lambda plan: None,
-            show,
-        )
+        listeners = stack.enter_context(watched(context, watch, title, *work))
+        show = stack.enter_context(closing(PictureSender(listeners))) if listeners else None
+        person = ConsoleOperator(ask, agreed or options.yes, ask_line)
+        before = partial(dry_run, config, json=options.json) if options.dry else lambda plan: None
+        at = Station(config, options.seed, options.files, person, say, before, show)
+        _file(kind.collect(at, *on_bench), options)
 
 
 def _file(results: "CalibrationResult | list[CalibrationResult]", options: StationOptions) -> None:
@@ -516,10 +488,7 @@ def board(
     if path.suffix.lower() not in makers:
         raise InputError(f"--out {path}: give a file ending in .svg or .pdf")
     write_bytes(path, makers[path.suffix.lower()]())
-    if json:
-        emit_json({"target": target, "file": str(path)})
-    else:
-        print(path)
+    print_result(json, {"target": target, "file": str(path)}, path)
 
 
 @calibrate.command()
@@ -536,8 +505,4 @@ def compare(
     from rig.calibrate.kinds import compare_files
 
     figures = compare_files(one, other)
-    if json:
-        emit_json(figures)
-    else:
-        for name, value in figures.items():
-            print(f"{name}: {value}")
+    print_result(json, figures, *(f"{name}: {value}" for name, value in figures.items()))

@@ -290,7 +290,6 @@ def test_options_that_do_not_fit_a_recording_or_a_clip_are_refused(one_lift: Pat
         (recording, ("--sensor", "D9"), "choose one of SIM-D0001, SIM-D0002"),
         (recording, ("--fps", 60), "contains its times"),
         (recording, ("--topic", "/a"), "leave --topic out, or give --sensor"),
-        (recording, ("--gel", "gel.yaml"), "is of several sensors: leave --gel out"),
         (lift / "frames", ("--sensor", "D1"), "leave --sensor out"),
         (one_lift, ("--page", "page.html", "--out", "x"), f"rig report {one_lift}"),
     ):

@@ -189,30 +189,24 @@ def write_tip_poses(folder: Path, poses: Sequence[tuple[str, Pose]], child_frame
     (folder / "poses.csv").write_text("\n".join([header, *rows]))
 
 
-def test_tip_poses_need_a_stated_frame_and_tcp_poses_are_converted(tmp_path: Path) -> None:
-    tip, poses = pivot_scene(np.random.default_rng(0), 12)
-    write_tip_poses(tmp_path, poses, "")
-    done = calibrate("tcp", "--from", tmp_path, "--bench", "fake")
-    assert done.returncode == 2
-    assert "add a column child_frame" in done.stderr
-    write_tip_poses(tmp_path, poses, "tcp")
-    done = calibrate("tcp", "--from", tmp_path)
-    assert done.returncode == 2
-    assert "give --bench" in done.stderr
-    command = ("tcp", "--from", tmp_path, "--bench", "fake", "--out", tmp_path / "out", "--accept-change")
-    expected = np.add(tip, (0.0, 0.0, 0.28))
-    assert figures(*command)["value"]["translation_m"] == pytest.approx(expected.tolist(), abs=1e-3)
-
-
-def test_tip_far_from_the_configured_tcp_is_refused_unless_accepted(tmp_path: Path) -> None:
+def test_tip_poses_need_a_stated_frame_and_a_tip_far_from_the_tcp_is_refused_unless_accepted(
+    tmp_path: Path,
+) -> None:
     tip, poses = pivot_scene(np.random.default_rng(0), 12)  # 0.283 m beyond tcp_m
-    write_tip_poses(tmp_path, poses, "tcp")
     command = ("tcp", "--from", tmp_path, "--bench", "fake", "--out", tmp_path / "out")
-    done = calibrate(*command, "--yes")
-    assert done.returncode == 2
-    assert "the tip is 283 mm from the bench file's tcp_m" in done.stderr
+    for frame, words, said in (
+        ("", command, "add a column child_frame"),
+        ("tcp", command[:3], "give --bench"),
+        ("tcp", (*command, "--yes"), "the tip is 283 mm from the bench file's tcp_m"),
+    ):
+        write_tip_poses(tmp_path, poses, frame)
+        done = calibrate(*words)
+        assert done.returncode == 2
+        assert said in done.stderr
     found = figures(*command, "--accept-change")
     assert found["verdict"] == "weak"
+    expected = np.add(tip, (0.0, 0.0, 0.28))
+    assert found["value"]["translation_m"] == pytest.approx(expected.tolist(), abs=1e-3)
     assert found["value"]["bench_file_tcp_m"] == [0.0, 0.0, 0.28]
     assert found["value"]["tip_from_tcp_m"] == pytest.approx(tip.tolist(), abs=1e-3)
     page = Path(found["page"]).read_text()
@@ -226,13 +220,11 @@ def test_board_is_drawn_to_scale(tmp_path: Path) -> None:
     text = path.read_text()
     assert 'width="224.000mm"' in text
     assert 'width="100.0000"' in text
-    points_per_mm = 72.0 / 25.4
     paper = tmp_path / "board.pdf"
     assert calibrate("board", "charuco:8x6:25:18:DICT_5X5_100", "--out", paper).returncode == 0
     box = re.search(rb"/MediaBox \[ 0 0 ([0-9.]+) ([0-9.]+) \]", paper.read_bytes())
     assert box is not None
-    assert float(box[1]) / points_per_mm == pytest.approx(224.0, abs=0.01)
-    assert float(box[2]) / points_per_mm == pytest.approx(196.0, abs=0.01)
+    assert [25.4 / 72.0 * float(points) for points in box.groups()] == pytest.approx([224.0, 196.0], abs=0.01)
 
 
 @pytest.mark.parametrize(

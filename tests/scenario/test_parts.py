@@ -22,6 +22,7 @@ from rig.experiments.record import RecordSettings, run_record
 from rig.sessions.manifest import read_manifest
 from rig.sessions.rows import read_poses
 from support.command_line import rig
+from support.own_devices import MODULE, SOURCE
 from support.own_estimators import forget
 
 DESK = 'name = "desk"\n[[tactile]]\ndriver = "fake"\nserial = "SIM-D0001"\n'
@@ -37,47 +38,6 @@ marker_dictionary = "DICT_4X4_50"
 marker_ids = [0, 1]
 marker_side_m = 0.04
 """
-GEL = '''
-import time
-from pathlib import Path
-
-import cv2
-import numpy as np
-
-from drivers.errors import DeviceTimeoutError
-from drivers.types import Frame
-
-PRESSED = Path(__file__).with_name("pressed")
-
-
-class Gel:
-    """A gel that shows a contact while the file `pressed` exists."""
-
-    def __init__(self, serial, rate_hz, clock):
-        self.serial, self.rate_hz, self.clock, self.count = serial, rate_hz, clock, 0
-
-    def connect(self):
-        pass
-
-    def disconnect(self):
-        pass
-
-    def newest_frame(self, max_age_s):
-        return self.next_frame(1.0)
-
-    def next_frame(self, timeout_s):
-        if timeout_s < 0.01:
-            raise DeviceTimeoutError("not yet")
-        time.sleep(0.01)
-        self.count += 1
-        image = np.random.default_rng(self.count).normal(100, 1.5, (320, 240, 3))
-        if PRESSED.exists():
-            cv2.ellipse(image, (120, 160), (30, 70), 20, 0, 360, (180, 60, 120), -1)
-        return Frame(image.clip(0, 255).astype(np.uint8), self.clock.now_ns(), self.count, self.serial)
-
-    def set_light(self, red, green, blue):
-        pass
-'''
 
 
 @pytest.fixture
@@ -89,19 +49,19 @@ def desk(tmp_path: Path) -> Path:
 @pytest.fixture
 def real_gel(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     """A bench file with one real sensor, and the module of the sensor; `pressed` exists during a press."""
-    (tmp_path / "desk_gel.py").write_text(GEL)
+    (tmp_path / f"{MODULE}.py").write_text(SOURCE)
     monkeypatch.syspath_prepend(tmp_path)
     file = tmp_path / "real.toml"
-    file.write_text(DESK.replace('"fake"', '"desk_gel:Gel"'))
+    file.write_text(DESK.replace('"fake"', f'"{MODULE}:Pressed"'))
     yield file
-    sys.modules.pop("desk_gel", None)
+    sys.modules.pop(MODULE, None)
     forget()
 
 
 def mixed_bench(folder: Path) -> Path:
     """Write the file of a simulated bench with two real sensors."""
     head, *tips = (BENCHES / "fake.toml").read_text().split("[[tactile]]")
-    tips = [tip.replace('driver = "fake"', 'driver = "desk_gel:Gel"', 1) for tip in tips]
+    tips = [tip.replace('driver = "fake"', f'driver = "{MODULE}:Pressed"', 1) for tip in tips]
     (folder / "mixed.toml").write_text("[[tactile]]".join([head, *tips]))
     return folder / "mixed.toml"
 

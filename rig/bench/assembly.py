@@ -71,8 +71,8 @@ def build_bench(
     person = SimulatedOperator(
         lambda object_id: world.lay(laid_as(config.objects, object_id)),
         lambda: world.gap_at(clock.now_ns()),
+        lead,
         seed,
-        lead=lead,
         hold=hold,
     )
     return bench, person

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 
 from drivers.clock import SystemClock, to_ns
 from drivers.errors import EstimatorError, InputError
+from drivers.realtime import compute_in_one_thread
 from rig.cli.common import NO_BROWSER, STOPS, Exit, mark, say
 from rig.cli.helping import Commands
 from rig.declared import argument, option
@@ -108,7 +109,6 @@ def live(options: LiveOptions) -> None:
     with stopped_by_person() as stopped, ExitStack() as stack:
         import webbrowser
 
-        from drivers.realtime import compute_in_one_thread
         from rig.live.watch import WatchPage, watch_address
         from rig.pages.requests import way_to
 
@@ -315,7 +315,6 @@ def ros2(options: BridgeOptions) -> None:
     for package in ("cyclonedds", "rosbags"):
         require_extra(package, "ros2", "the bridge needs")
     with stopped_by_person() as stopped, ExitStack() as stack:
-        from drivers.realtime import compute_in_one_thread
         from rig.live.ros2_bridge import Ros2Bridge
 
         compute_in_one_thread()

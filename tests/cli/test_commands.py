@@ -219,4 +219,9 @@ def test_recording_resumes_and_has_the_layout_of_the_data_set(tmp_path: Path, li
     assert len(list((out / "reference").glob("*.png"))) == 2
     again = rig(*command, "--resume")
     assert json.loads(again.stdout)["images_accepted"] == 12
+    manifest = json.loads((out / "session.json").read_text())
+    (out / "session.json").write_text(json.dumps({**manifest, "status": "running"}))
+    (out / "poses.jsonl").unlink()
+    resumed = rig("record", "--resume", "--out", out, "--no-report", "--json")
+    assert json.loads(resumed.stdout)["images_accepted"] == 12, "with the stored bench"
     one_line(rig("record", "--object", "7", "--images", "10", "--out", str(tmp_path / "t")), 2, "--images")

@@ -97,18 +97,6 @@ def test_documented_resume_uses_the_stored_bench(here: Path, one_lift: Path) -> 
     assert read_manifest(folder).config == read_manifest(one_lift).config
 
 
-def test_documented_resume_of_a_recording_uses_the_stored_bench(here: Path, light_bench_file: Path) -> None:
-    common = ("record", "--out", here / "s", "--no-report", "--json")
-    what = ("--object", "7", "--poses", "1", "--images", "4", "--bench", light_bench_file)
-    assert rig(*common, *what).returncode == 0
-    manifest = json.loads((here / "s" / "session.json").read_text())
-    (here / "s" / "session.json").write_text(json.dumps({**manifest, "status": "running"}))
-    (here / "s" / "poses.jsonl").unlink()
-    done = rig(*common, "--resume")
-    assert done.returncode == 0, done.stderr
-    assert json.loads(done.stdout)["images_accepted"] == 4
-
-
 def stored_with(config: BenchConfig) -> dict[str, Any]:
     """Return the keys of a manifest that name the bench."""
     manifest = json_value(begun_on(config, "trial", 0, ["t2"]))

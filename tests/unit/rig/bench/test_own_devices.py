@@ -1,7 +1,7 @@
 """User-defined drivers in a bench file: how they are created, and which faults the bench reports."""
 
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 from unittest.mock import Mock
@@ -34,7 +34,7 @@ from fakes.clock import SimulatedClock
 from protocols.readiness import check_hand
 from protocols.safe_end import halt, make_safe
 from rig.bench.assembly import TOOL_DOWN, build_real_bench
-from rig.bench.own_devices import CheckedArm, CheckedDevice, CheckedGripper, CheckedSource
+from rig.bench.own_devices import CheckedArm, CheckedGripper, CheckedSource
 from rig.bench.plan import PlannedMotion, make_plan
 from rig.bench.source import unconnected_bench
 from rig.config import BenchConfig
@@ -295,30 +295,23 @@ def driver(state: Any = None, **answers: Any) -> Mock:
     return made
 
 
-@pytest.mark.parametrize(
-    ("protocol", "checked", "state"),
-    [
-        (
-            Arm,
-            lambda of: CheckedArm(of, "lab:Arm", LIMITS, CLOCK),
-            ArmState(1, POSE, AT_REST, AT_REST, ArmMode.RUNNING),
-        ),
-        (
-            Gripper,
-            lambda of: CheckedGripper(of, "lab:Gripper", SPEC, CLOCK),
-            GripperState(1, True, False, 0.05),
-        ),
-        (TactileSensor, lambda of: CheckedSource(of, "lab:Sensor", "S1", 30.0, (3, 4)), None),
-        (Camera, lambda of: CheckedSource(of, "lab:Sensor", "S1", 30.0, (3, 4)), None),
-    ],
-)
-def test_checked_device_forwards_every_member(
-    protocol: type[Any], checked: Callable[[Mock], CheckedDevice], state: Any
-) -> None:
+SENSOR = CheckedSource, ("S1", 30.0, (3, 4)), None
+CHECKED: dict[type[Any], tuple[Any, tuple[Any, ...], Any]] = {
+    Arm: (CheckedArm, (LIMITS, CLOCK), ArmState(1, POSE, AT_REST, AT_REST, ArmMode.RUNNING)),
+    Gripper: (CheckedGripper, (SPEC, CLOCK), GripperState(1, True, False, 0.05)),
+    TactileSensor: SENSOR,
+    Camera: SENSOR,
+}
+"""By interface: the class, its arguments after the driver and its name, and the driver's state."""
+
+
+@pytest.mark.parametrize("protocol", CHECKED)
+def test_checked_device_forwards_every_member(protocol: type[Any]) -> None:
     """So that a new member of an interface cannot be forgotten."""
+    checked, arguments, state = CHECKED[protocol]
     for name in sorted({name for base in protocol.__mro__ for name in vars(base) if name[0] != "_"}):
         of = driver(state)
-        made = getattr(checked(of), name)
+        made = getattr(checked(of, "lab:Device", *arguments), name)
         if name in FROM_THE_BENCH_FILE:
             assert made == FROM_THE_BENCH_FILE[name]
             assert not of.mock_calls

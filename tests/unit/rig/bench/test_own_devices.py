@@ -316,8 +316,9 @@ def test_checked_device_forwards_every_member(protocol: type[Any]) -> None:
             assert made == FROM_THE_BENCH_FILE[name]
             assert not of.mock_calls
             continue
-        answer = made(*ARGUMENTS.get(name, ()))
-        assert getattr(of, name).called
+        given = ARGUMENTS.get(name, ())
+        answer = made(*given)
+        getattr(of, name).assert_called_once_with(*given)
         assert name not in ANSWERS or name == "identity" or answer is ANSWERS[name]
 
 

@@ -32,7 +32,7 @@ CODE = """if True:
 
 
 def wait_for(log: Path, text: str) -> None:
-    until(lambda: log.exists() and text in log.read_text())
+    until(lambda: log.exists() and text in log.read_text(), 120.0)
 
 
 def started(log: Path, teardown_s: float = 0.3, code: str = CODE, **settings: Any) -> subprocess.Popen[str]:

@@ -1,6 +1,7 @@
 """Execute one attempt at a lift, from its plan to its row. Runs in a worker process."""
 
 import time
+from collections.abc import Sequence
 from contextlib import closing, nullcontext
 from dataclasses import replace
 from pathlib import Path
@@ -19,7 +20,7 @@ from rig.experiments.lift_plan import LiftTask, TrialSettings, new_measurement, 
 from rig.lift.recording import FrameDelays, LiftObservers, OutlineObserver
 from rig.lift.result import lift_result, stage_times
 from rig.lift.slip_watch import SlipWatch
-from rig.live.feed import NOBODY, LiveFeed
+from rig.live.feed import Listener
 from rig.live.observer import LiveObserver
 from rig.sessions.about import SIMULATED_EPOCH_NS, RecordingAbout
 from rig.sessions.manifest import SCHEMA_VERSION
@@ -40,7 +41,7 @@ def attempt_lift(
     settings: TrialSettings,
     task: LiftTask,
     benches: BenchSource | None = None,
-    live: LiveFeed = NOBODY,
+    live: Sequence[Listener] = (),
     folder: Path | None = None,
 ) -> Attempt[Lift]:
     """Execute one lift and evaluate it.
@@ -58,7 +59,7 @@ def attempt_lift(
     recorder = None if file is None else LiftRecorder(file, _about(settings, lift))
     measurement = new_measurement(settings)
     reaction = _reaction(settings, task, measurement.watch)
-    shown = LiveObserver(measurement, live, lift) if live.listeners else None
+    shown = LiveObserver(measurement, live, lift) if live else None
     delays: FrameDelays | None = None
     angles: dict[str, Angles] = {}
     with completed(recorder, file) if recorder and file else nullcontext():

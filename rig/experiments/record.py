@@ -40,7 +40,7 @@ from rig.bench.twins import plain_notes, refuse_undrawn
 from rig.config import BenchConfig
 from rig.experiments.attempts import Attempt, Progress, Run, Task, fault_text, run_session
 from rig.experiments.lift_plan import derived_seed, grasp_pose, refuse_impossible
-from rig.live.feed import NOBODY, LiveFeed
+from rig.live.feed import Listener
 from rig.live.observer import PictureSender
 from rig.sessions.about import NO_REMARKS, Remarks
 from rig.sessions.files import reference_file, true_mask_file
@@ -146,7 +146,7 @@ def run_record(
     benches: BenchSource | None = None,
     progress: Progress[PoseRow] = lambda done, total, row: None,
     remarks: Remarks = NO_REMARKS,
-    live: LiveFeed = NOBODY,
+    live: Sequence[Listener] = (),
 ) -> list[PoseRow]:
     """Record the unfinished poses; return the rows of all attempts.
 
@@ -262,7 +262,7 @@ def attempt_pose(
     finders: dict[str, ContactFinder],
     benches: BenchSource,
     task: PoseTask,
-    live: LiveFeed = NOBODY,
+    live: Sequence[Listener] = (),
 ) -> Attempt[PoseRow]:
     """Record one pose. A device failure gives a row that is not accepted; no other error is caught.
 
@@ -273,7 +273,7 @@ def attempt_pose(
     plan = hand_pose(settings, task) if settings.by == "hand" else arm_pose(settings, task)
     fault: str | None = None
     with closing(PictureSender(live)) as pictures:
-        observer = PoseCapture(finders, shown=pictures if live.pictures else None)
+        observer = PoseCapture(finders, shown=pictures if live else None)
         try:
             with benches.for_lift(seed, task.name, task.attempt) as (bench, operator):
                 observer.true_masks = true_masks(bench)

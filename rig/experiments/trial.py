@@ -25,7 +25,7 @@ from rig.experiments.lift_plan import (
     plan_lift,
     require_reaction,
 )
-from rig.live.feed import NOBODY, LiveFeed
+from rig.live.feed import Listener
 from rig.results.summary import TrialSummary, summarize_trial
 from rig.results.table import lifts_csv
 from rig.sessions.about import NO_REMARKS, Remarks
@@ -100,7 +100,7 @@ def run_trial(
     resume: bool = False,
     benches: BenchSource | None = None,
     progress: Progress[Lift] = lambda done, total, row: None,
-    live: LiveFeed = NOBODY,
+    live: Sequence[Listener] = (),
     remarks: Remarks = NO_REMARKS,
 ) -> TrialSummary:
     """Run a trial, or the unfinished part of it, and return its summary.

@@ -202,7 +202,6 @@ class DeskSensor:
         self._choice, self.stream = choice, stream
 
     def take_background(self) -> None:
-        """Take the background from the next frames."""
         self.background.take()
         self.stream = self._finder = None
         self._outline = self._outline[:0]

@@ -25,7 +25,7 @@ from rig.contract_checks import gel, pressed_bar
 from rig.experiments.lift_plan import stored_trial
 from rig.experiments.replay import run_replay
 from rig.live.desk import Desk, DeskSettings, Reading
-from rig.live.feed import LiveFeed, Sender
+from rig.live.feed import Sender
 from rig.python import fingertip
 from rig.python.fingertip import LiveFingertip
 from rig.tactile.estimators import ESTIMATORS, TOSKOV, choose_estimator
@@ -92,7 +92,7 @@ def test_live_view_shows_the_state_and_a_notice() -> None:
     frames = [Frame(image, round(i / RATE_HZ * NS_PER_S), i, "D") for i, image in enumerate(clip())]
     found: list[Reading] = []
     notices: list[str] = []
-    with Desk([GivenFrames(frames)], DeskSettings(choose_estimator("slip")), Sender(LiveFeed())) as desk:
+    with Desk([GivenFrames(frames)], DeskSettings(choose_estimator("slip")), Sender()) as desk:
         while not desk.ended:
             found += desk.step()
             notices += [] if notices[-1:] == [desk.notice] else [desk.notice]

@@ -9,7 +9,7 @@ from rich.table import Table
 from rig.cli.results import object_table
 from rig.results.metrics import Mare
 from rig.results.summary import ObjectSummary, TrialSummary
-from rig.terminal.tables import UNBOUNDED, TableConsole
+from rig.terminal.tables import UNBOUNDED, PlainConsole
 
 NAME = "2026-11-22T143431_a_long_name_of_a_session_trial"
 ROW = (NAME, "12", "9 slipped, 2 fallen, 1 still", "0.20 ± 0.15 [0.11, 0.33]", "100.0%")
@@ -18,7 +18,7 @@ HEADINGS = ("session", "lifts", "outcomes", "phases B and C", "answered")
 
 def printed(table: Table, width: int) -> str:
     stream = io.StringIO()
-    console = TableConsole(file=stream, width=width)
+    console = PlainConsole(file=stream, width=width)
     console.print(table)
     return stream.getvalue()
 

@@ -21,7 +21,6 @@ from drivers.realtime import compute_in_one_thread
 from drivers.types import ArmState, Image
 from drivers.values import short_repr
 from protocols.observer import Phase
-from rig.report.curves import signed_errors
 from rig.sessions import records
 from rig.sessions.lift_curves import LiftCurves
 from rig.sessions.manifest import TrialManifest, read_manifest_of
@@ -170,7 +169,7 @@ class Lift:
     @property
     def error_deg(self) -> Floats:
         """(N,) estimate minus ground truth at the times of the estimate; NaN if either is missing."""
-        return signed_errors(self._curves)
+        return self._curves.error_deg
 
     @cached_property
     def arm(self) -> ArmTrack:

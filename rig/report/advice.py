@@ -18,7 +18,7 @@ from rig.results.metrics import FEWEST_LIFTS
 from rig.results.summary import ADVICE, main_refusal
 from rig.sessions.lift_curves import LiftCurves
 from rig.sessions.manifest import BenchManifest
-from rig.sessions.records import LiftOutcome
+from rig.sessions.records import LiftOutcome, totals
 
 LEAST_ANSWERED, LEAST_COVERED = 0.95, 0.90
 MOST_DROPPED, MOST_UNSEEN = 0.001, 0.05
@@ -168,11 +168,7 @@ def _about_setup(trial: Trial) -> Iterator[Notice]:
 def _about_frames(trial: Trial) -> Iterator[Notice]:
     if frozen := [lift.title for lift in trial.lifts if lift.states.get("frozen")]:
         yield Notice("bad", f"A fingertip repeated its picture in {joined(frozen)}.", ADVICE["frozen"])
-    frames, dropped, jumped = Counter[str](), Counter[str](), Counter[str]()
-    for lift in trial.lifts:
-        frames.update(lift.frames)
-        dropped.update(lift.dropped)
-        jumped.update(lift.jumped or {})
+    frames, dropped, jumped = (totals(trial.lifts, name) for name in ("frames", "dropped", "jumped"))
     bad = [
         f"{source} {count} of {count + frames[source]}"
         for source, count in dropped.items()
@@ -185,9 +181,9 @@ def _about_frames(trial: Trial) -> Iterator[Notice]:
         times = joined([f"{count} of {source}" for source, count in jumped.items()])
         advice = "They have no angle. Check the clock of the device that stamps these frames."
         yield Notice("warn", f"The times of frames jumped: {times}.", advice)
-    totals = [row.stages["total"].p99_ms for row in trial.timing if "total" in row.stages]
+    totals_ms = [row.stages["total"].p99_ms for row in trial.timing if "total" in row.stages]
     period_ms = 1000.0 / sum(tactile.rate_hz for tactile in trial.manifest.config.tactile)
-    if totals and (slow := float(np.median(totals))) > period_ms:
+    if totals_ms and (slow := float(np.median(totals_ms))) > period_ms:
         what = (
             f"1 frame in 100 takes {slow:.0f} ms, and a frame of some fingertip comes every "
             f"{period_ms:.1f} ms."

@@ -2,7 +2,6 @@
 
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 from textwrap import fill
 
@@ -14,7 +13,6 @@ from drivers.errors import InputError, counted
 from protocols.grasps import GraspFile, find_grasp_file
 from rig.pages.figure import Spot, drawing, legend_above
 from rig.pages.palette import BAD, ESTIMATE, GOOD, INK, MUTED, SECOND, TRUTH
-from rig.report.curves import rates_deg_s, signed_errors
 from rig.report.parts import Chart, anchor
 from rig.results.metrics import Floats
 from rig.sessions.lift_curves import LiftCurves
@@ -22,9 +20,6 @@ from rig.sessions.records import Lift, LiftOutcome
 
 FEWEST_FRAMES = 30
 """Fewest frames for which percentiles are drawn."""
-ANGLE_EDGES_DEG = (0.0, 2.0, 5.0, 10.0, 15.0, 20.0, 30.0, 45.0, 90.0)
-RATE_EDGES_DEG_S = (0.0, 2.0, 5.0, 10.0, 20.0, 40.0, 80.0, 200.0)
-TIME_EDGES_S = (0.0, 0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 5.0)
 PAPER_MARE_DEG = 1.85
 """Castano-Amoros and Gil 2023, Table III: MARE of 45 lifts of its nine objects."""
 SURFACES = ("edge", "flat", "cylinder", "ball")
@@ -85,40 +80,40 @@ def boxes(
         return Chart(title, figure, caption, spots=spots)
 
 
-def error_against_angle(lifts: Sequence[LiftCurves]) -> Chart:
-    return _against(
-        lifts, [np.abs(lift.truth.at(lift.estimate.time_s)) for lift in lifts], ANGLE_EDGES_DEG,
-        "Error against angle", "marker angle, degrees",
-        "Absolute error over the rotation of the markers since the zero.",
-    )  # fmt: skip
+def _rate_deg_s(lift: LiftCurves) -> Floats:
+    """Return the rate of the markers at each frame of the estimate, (N,) deg/s, over 0.1 s around it."""
+    times, half_s = lift.estimate.time_s, 0.05
+    return (lift.truth.at(times + half_s) - lift.truth.at(times - half_s)) / (2 * half_s)
 
 
-def error_over_time(lifts: Sequence[LiftCurves]) -> Chart:
-    return _against(
-        lifts, [lift.estimate.time_s for lift in lifts], TIME_EDGES_S, "Error over time",
+AGAINST: dict[str, tuple[str, str, tuple[float, ...], Callable[[LiftCurves], Floats]]] = {
+    "Error over time": (
         "time from the start of the lift, s", "Absolute error over the time since phase B began.",
-    )  # fmt: skip
-
-
-def error_against_rate(lifts: Sequence[LiftCurves]) -> Chart:
-    return _against(
-        lifts, [np.abs(rates_deg_s(lift)) for lift in lifts], RATE_EDGES_DEG_S, "Error against rate",
+        (0.0, 0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 5.0), lambda lift: lift.estimate.time_s,
+    ),
+    "Error against angle": (
+        "marker angle, degrees", "Absolute error over the rotation of the markers since the zero.",
+        (0.0, 2.0, 5.0, 10.0, 15.0, 20.0, 30.0, 45.0, 90.0),
+        lambda lift: np.abs(lift.truth.at(lift.estimate.time_s)),
+    ),
+    "Error against rate": (
         "marker rate, degrees/s", "Absolute error over the rate of rotation of the markers (over 0.1 s).",
-    )  # fmt: skip
+        (0.0, 2.0, 5.0, 10.0, 20.0, 40.0, 80.0, 200.0), lambda lift: np.abs(_rate_deg_s(lift)),
+    ),
+}  # fmt: skip
+"""Charts of percentiles of the error, by title: label and caption, edges of the bins, and what is binned."""
 
 
-def _against(
-    lifts: Sequence[LiftCurves], by: Sequence[Floats], edges: tuple[float, ...],
-    title: str, label: str, what: str,
-) -> Chart:  # fmt: skip
-    errors = np.concatenate([np.zeros(0), *(np.abs(signed_errors(lift)) for lift in lifts)])
-    values = np.concatenate([np.zeros(0), *by])
+def error_against(title: str, lifts: Sequence[LiftCurves]) -> Chart:
+    """Draw percentiles of the errors in phases B and C. title: in `AGAINST`."""
+    label, what, edges, binned = AGAINST[title]
+    errors = np.concatenate([np.zeros(0), *(np.abs(lift.error_deg) for lift in lifts)])
+    values = np.concatenate([np.zeros(0), *map(binned, lifts)])
     inside = np.concatenate([np.zeros(0, bool), *(lift.within("B", "C") for lift in lifts)])
     known = inside & np.isfinite(errors) & np.isfinite(values)
-    errors, values = errors[known], values[known]
     with drawing(250) as figure:
         axes = figure.subplots()
-        spots = _percentiles(axes, errors, values, edges)
+        spots = _percentiles(axes, errors[known], values[known], edges)
         axes.set(xlabel=label, ylabel="|RE|, degrees")
         axes.set_ylim(bottom=0.0)
         caption = f"{what} Median with the middle half and the middle 90 % of the frames; their number above."
@@ -207,28 +202,18 @@ def sigma_ratios(lifts: Sequence[LiftCurves]) -> Floats:
     parts = [np.zeros(0)]
     for lift in lifts:
         with np.errstate(divide="ignore", invalid="ignore"):
-            ratio = np.abs(signed_errors(lift)) / lift.estimate.sigma_deg
+            ratio = np.abs(lift.error_deg) / lift.estimate.sigma_deg
         parts.append(ratio[lift.within("B", "C") & np.isfinite(ratio)])
     return np.concatenate(parts)
 
 
-@dataclass(frozen=True, slots=True)
-class Final:
-    """Angles at the end of a lift in deg, None if unknown. anchor: the lift's id in the page."""
-
-    name: str
-    anchor: str
-    estimate_deg: float | None
-    truth_deg: float | None
-
-
-def finals_chart(lifts: Sequence[Final]) -> Chart | None:
-    """Final estimate against final marker angle of each lift that has both; None if no lift has both."""
+def finals_chart(lifts: Sequence[Lift]) -> Chart | None:
+    """Draw final estimates over final marker angles, for lifts with both; None if no lift has both."""
     spots = [
-        Spot(lift.truth_deg, lift.estimate_deg, f"{lift.name}: estimate {lift.estimate_deg:+.1f}°, markers "
-             f"{lift.truth_deg:+.1f}°", lift.anchor)
+        Spot(lift.final_truth_deg, lift.final_estimate_deg, f"{lift.title}: estimate "
+             f"{lift.final_estimate_deg:+.1f}°, markers {lift.final_truth_deg:+.1f}°", anchor(lift))
         for lift in lifts
-        if lift.estimate_deg is not None and lift.truth_deg is not None
+        if lift.final_estimate_deg is not None and lift.final_truth_deg is not None
     ]  # fmt: skip
     if not spots:
         return None
@@ -253,11 +238,8 @@ def errors_by(lifts: Sequence[Lift], group: Callable[[Lift], str]) -> dict[str, 
     """Return the absolute errors in phase B, (N,) deg, by the group of their lift."""
     found: dict[str, list[Floats]] = {}
     for lift in lifts:
-        parts = found.setdefault(group(lift), [])
-        if lift.curves is not None:
-            errors = np.abs(signed_errors(lift.curves))[lift.curves.within("B")]
-            parts.append(errors[np.isfinite(errors)])
-    return {name: np.concatenate([np.zeros(0), *parts]) for name, parts in found.items()}
+        found.setdefault(group(lift), []).append(lift.curves.errors("B") if lift.curves else np.zeros(0))
+    return {name: np.concatenate(parts) for name, parts in found.items()}
 
 
 def object_chart(lifts: Sequence[Lift]) -> Chart:

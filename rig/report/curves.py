@@ -1,4 +1,4 @@
-"""Angle curves of lifts: wrapped angles, errors and rates."""
+"""Remove the steps of wrapped angles."""
 
 import math
 from dataclasses import replace
@@ -6,8 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from drivers.errors import counted
-from rig.sessions.lift_curves import LiftCurves
-from rig.tactile.angles import Angles, Floats
+from rig.tactile.angles import Angles
 from rig.tactile.slip.parameters import MOST_RATE_RAD_S
 
 AXIS_DEG, TURN_DEG = 180.0, 360.0
@@ -39,14 +38,3 @@ def unwrapped(what: str, angles: Angles, period_deg: float) -> tuple[Angles, tup
             many, first = counted(int(which.sum()), "step"), times_s[1:][which][0]
             notes.append(f"{what} {verb}{many} of more than {least:g} degrees (first at {first:.3f} s){end}")
     return replace(angles, angle_deg=angle_deg), tuple(notes)
-
-
-def signed_errors(lift: LiftCurves) -> Floats:
-    """Return estimate minus truth at each frame of the estimate, (N,) deg, NaN if either is missing."""
-    return lift.estimate.angle_deg - lift.truth.at(lift.estimate.time_s)
-
-
-def rates_deg_s(lift: LiftCurves, span_s: float = 0.1) -> Floats:
-    """Return the rate of the markers at each frame of the estimate, (N,) deg/s, over `span_s` around it."""
-    times = lift.estimate.time_s
-    return (lift.truth.at(times + span_s / 2) - lift.truth.at(times - span_s / 2)) / span_s

@@ -17,7 +17,6 @@ from jinja2.utils import htmlsafe_json_dumps
 from drivers.clock import NS_PER_S
 from rig.pages.page import data_uri
 from rig.pages.palette import ESTIMATE, FIRST, INK, SECOND, TRUTH, Colour
-from rig.report.curves import signed_errors
 from rig.report.lift_chart import SIGMAS, angle_range, shown_range
 from rig.report.parts import anchor
 from rig.report.session import UNREADABLE, Trial
@@ -94,7 +93,7 @@ def angle_panels(lift: LiftCurves) -> list[Json]:
     angles.append(_series(lift, "estimate", ESTIMATE, estimate.time_s, estimate.angle_deg, *half))
     panels = [_panel("angle, °", angles, _ANGLE_PX, angle_range(lift))]
     if truth.time_s.size:
-        error = _series(lift, "estimate - markers", INK, estimate.time_s, signed_errors(lift))
+        error = _series(lift, "estimate - markers", INK, estimate.time_s, lift.error_deg)
         panels.append(_panel("error, °", [error]))
     return panels
 
@@ -105,7 +104,7 @@ def pair_panels(names: tuple[str, str], first: LiftCurves, second: LiftCurves) -
     errors = []
     for name, colour, lift in zip(names, (FIRST, SECOND), (first, second), strict=True):
         angles.append(_series(first, name, colour, lift.estimate.time_s, lift.estimate.angle_deg))
-        errors.append(_series(first, name, colour, lift.estimate.time_s, signed_errors(lift)))
+        errors.append(_series(first, name, colour, lift.estimate.time_s, lift.error_deg))
     return [_panel("angle, °", angles, _ANGLE_PX), _panel("error, °", errors)]
 
 

@@ -59,7 +59,7 @@ def read_trial(folder: Path, manifest: TrialManifest) -> Trial:
             "from the rig's disk, or repeat these lifts."
         )
         problems.append(Notice("bad", what, advice))
-    gaps = [(lift, lift.curves.gaps) for lift in lifts if lift.curves and lift.curves.gaps]
+    gaps = [(lift, lift.curves.notes) for lift in lifts if lift.curves and lift.curves.notes]
     if gaps:
         named = joined([f"{lift.title} ({lift.recording}: {joined(list(of))})" for lift, of in gaps])
         advice = (
@@ -74,7 +74,7 @@ def read_trial(folder: Path, manifest: TrialManifest) -> Trial:
 def _read_lift(folder: Path, lift: Lift, manifest: TrialManifest) -> Lift:
     """Read a lift's curves, skipping gaps. Raises `SessionError` and other errors of `UNREADABLE`."""
     gaps = tuple(recording_gaps(folder / lift.recording))
-    return replace(lift, curves=replace(read_curves(folder, lift, manifest.signs, []), gaps=gaps))
+    return replace(lift, curves=replace(read_curves(folder, lift, manifest.signs, []), notes=gaps))
 
 
 def find_lift(folder: Path, manifest: TrialManifest, wanted: str | None) -> Lift:

@@ -1,6 +1,5 @@
 """The report of a trial."""
 
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
@@ -13,7 +12,6 @@ from protocols.reaction import ReactionKind
 from rig.pages.page import render
 from rig.report import charts
 from rig.report.advice import calibration_table, trial_notices
-from rig.report.curves import signed_errors
 from rig.report.explored import angle_panels, explored, film_mark, recorded_lift, with_films
 from rig.report.lift_chart import key, lift_chart, on_one_scale
 from rig.report.parts import (
@@ -33,14 +31,14 @@ from rig.report.strips import Still, strip
 from rig.results.metrics import FEWEST_LIFTS, INTERVAL, Floats, mare_of, mare_text, summarize
 from rig.results.summary import TrialSummary, summarize_trial
 from rig.sessions.lift_curves import LiftCurves
-from rig.sessions.records import SHOWN, ErrorSummary, Lift, LiftOutcome
+from rig.sessions.records import SHOWN, Lift, LiftOutcome, totals
 from rig.sessions.timing import LiftTiming, StageTimes
 
 WORST_LIFTS = 3
 MOST_PAIRS = 3
 
 
-def trial_page(trial: Trial, now: datetime | None = None, other: Trial | None = None) -> ReportPage:
+def trial_page(trial: Trial, other: Trial | None = None, now: datetime | None = None) -> ReportPage:
     """Return the report of a trial as one HTML page.
 
     other: the same lifts without a reaction to slip, or with one. Raises `InputError` for any other session.
@@ -125,10 +123,6 @@ def _charts(trial: Trial) -> list[Chart]:
     lifts = curves_of(trial.lifts)
     if not lifts:
         return []
-    finals = [
-        charts.Final(lift.title, anchor(lift), lift.final_estimate_deg, lift.final_truth_deg)
-        for lift in trial.lifts
-    ]
     delays, onset_chart = onset_delays_ms(trial.lifts), None
     if any(late_ms.size for late_ms in delays.values()):
         caption = "Delay after the onset of the markers, over the lifts in which both were found."
@@ -137,11 +131,9 @@ def _charts(trial: Trial) -> list[Chart]:
         )
     found = [
         charts.object_chart(trial.lifts),
-        charts.finals_chart(finals),
+        charts.finals_chart(trial.lifts),
         charts.coverage_chart(lifts),
-        charts.error_over_time(lifts),
-        charts.error_against_angle(lifts),
-        charts.error_against_rate(lifts),
+        *(charts.error_against(title, lifts) for title in charts.AGAINST),
         charts.grip_chart(trial.lifts),
         onset_chart,
         charts.surface_chart(trial.lifts, trial.manifest.config.objects),
@@ -157,16 +149,11 @@ def fingertip_table(lifts: Sequence[Lift]) -> Table:
         sources[serial] = [replace(c, estimate=c.tips[serial]) for c in curves if serial in c.tips]
     rows = []
     for name, own in sources.items():
-        mares = (mare_text(mare_of(_errors(lift, phases) for lift in own)) for phases in ("B", "BC"))
+        mares = (mare_text(mare_of(summarize(c.errors(*phases)) for c in own)) for phases in ("B", "BC"))
         known = [np.isfinite(c.estimate.angle_deg[c.within("B", "C")]) for c in own]
         answered = [frames.mean() for frames in known if frames.size]
         rows.append([name, *mares, f"{np.mean(answered):.1%}" if answered else "-"])
     return Table(("angle of", "MARE in B, °", "MARE in B and C, °", "answered"), rows)
-
-
-def _errors(lift: LiftCurves, phases: str) -> ErrorSummary | None:
-    errors = np.abs(signed_errors(lift)[lift.within(*phases)])
-    return summarize(errors[np.isfinite(errors)])
 
 
 def _with_strips(trial: Trial, lift: Lift, curves: LiftCurves) -> dict[str, object]:
@@ -241,10 +228,7 @@ def stage_table(timing: Sequence[LiftTiming]) -> Table | None:
 
 
 def counts_table(rows: Sequence[Lift]) -> Table | None:
-    frames, dropped = Counter[str](), Counter[str]()
-    for row in rows:
-        frames.update(row.frames)
-        dropped.update(row.dropped)
+    frames, dropped = totals(rows, "frames"), totals(rows, "dropped")
     cells = [[source, f"{frames[source]}", f"{dropped[source]}"] for source in frames]
     return Table(("source", "frames", "dropped"), cells) if frames else None
 
@@ -292,16 +276,12 @@ def onset_table(rows: Sequence[Lift]) -> Table | None:
 
 def state_table(rows: Sequence[Lift]) -> Table | None:
     """Return a table of the estimator's states, its skipped stages, and disagreements of the fingertips."""
-    states, skipped, apart = Counter[str](), Counter[str](), Counter[str]()
-    for row in rows:
-        states.update(row.states)
-        skipped.update(row.skipped)
-        apart.update(row.disagreements)
-    frames = sum(states.values())
+    kinds = {"state:": "states", "skipped:": "skipped", "fingertips apart:": "disagreements"}
+    frames = totals(rows, "states").total()
     cells = [
         [f"{kind} {name.replace('_', ' ')}", f"{count}", f"{count / frames:.1%}"]
-        for kind, counts in (("state:", states), ("skipped:", skipped), ("fingertips apart:", apart))
-        for name, count in (counts.items() if frames else ())
+        for kind, figure in kinds.items()
+        for name, count in (totals(rows, figure).items() if frames else ())
     ]
     return Table(("of all tactile frames", "frames", "share"), cells) if frames else None
 

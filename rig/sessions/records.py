@@ -6,6 +6,7 @@ change of a key requires a new version.
 """
 
 import json
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, fields
 from enum import StrEnum
@@ -335,8 +336,8 @@ class Lift:
 
     @property
     def title(self) -> str:
-        """Name for display, such as "wrench, lift 3"."""
-        return f"{self.name}, lift {self.lift}"
+        """Name for display, such as "wrench, lift 3"; without a number, only the name."""
+        return f"{self.name}, lift {self.lift}" if self.lift else self.name
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -469,3 +470,19 @@ POSES: Codec[PoseRow] = Codec(PoseRow)
 
 def finished(lifts: Iterable[Lift]) -> list[Lift]:
     return [lift for lift in lifts if lift.accepted]
+
+
+def lift_of_table(**values: Any) -> Lift:
+    """Return an accepted lift of which a table contains only some values; the others are 0 or empty."""
+    unknown = dict.fromkeys(("number", "attempt", "lift", "grip_counts", "seed"), 0)
+    texts = dict.fromkeys(("object", "name", "position", "recording"), "")
+    other = {"lift_height_m": 0.0, "bench_s": 0.0, "simulated": False, "accepted": True}
+    return Lift(**{**unknown, **texts, **other, "outcome": LiftOutcome.HELD, **values})
+
+
+def totals(lifts: Iterable[Lift], name: str) -> Counter[str]:
+    """Return the sums over lifts of a figure that has a number per key, such as "frames"."""
+    found = Counter[str]()
+    for lift in lifts:
+        found.update(getattr(lift, name) or {})
+    return found

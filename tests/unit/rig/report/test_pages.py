@@ -14,7 +14,6 @@ import pytest
 from drivers.errors import InputError
 from rig.pages.page import asset
 from rig.report import explored
-from rig.report.curves import signed_errors
 from rig.report.lift_chart import angle_range, before_lift, shown_range
 from rig.report.parts import linked
 from rig.report.recording_page import LABEL_PX, THUMB_PX, montage, read_recording
@@ -169,7 +168,7 @@ def test_each_column_of_the_paper_s_table_stands_under_its_heading(trial: Path) 
 def test_errors_from_the_curves_are_those_of_the_rows(trial: Path) -> None:
     for lift in read_trial(trial, read_manifest_of(trial, TrialManifest, "no trial")).lifts:
         assert lift.curves is not None
-        errors = np.abs(signed_errors(lift.curves))[lift.curves.within("B", "C")]
+        errors = lift.curves.errors("B", "C")
         assert np.nanmean(errors) == pytest.approx(lift.re.mean_deg, abs=0.01)
 
 
@@ -181,7 +180,7 @@ def test_fingertip_table_agrees_with_the_recorded_curves(trial: Path) -> None:
     assert table.rows[0][2].startswith(f"{fused:.2f} ±")
     for serial, row in zip(lifts[0].curves.tips, table.rows[1:], strict=True):
         own = [replace(lift.curves, estimate=lift.curves.tips[serial]) for lift in lifts]
-        means = [np.nanmean(np.abs(signed_errors(curves)[curves.within("B")])) for curves in own]
+        means = [curves.errors("B").mean() for curves in own]
         assert row[1].startswith(f"{np.mean(means):.2f} ±")
 
 

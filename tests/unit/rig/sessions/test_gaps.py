@@ -131,7 +131,7 @@ def test_listing_names_every_gap(trial: Path) -> None:
 
 def test_film_is_made_and_the_command_names_the_gap(trial: Path, damaged_chunk: int, tmp_path: Path) -> None:
     manifest = read_manifest_of(trial, TrialManifest, "no trial")
-    assert len(find_lift(trial, manifest, "2").curves.gaps) == 1  # type: ignore[union-attr]
+    assert len(find_lift(trial, manifest, "2").curves.notes) == 1  # type: ignore[union-attr]
     film = tmp_path / "film.avi"
     done = rig("play", trial, "--lift", "2", "--fps", "5", "--out", film)
     assert done.returncode == 2

@@ -24,8 +24,7 @@ from rig.live.observer import LiveObserver
 from rig.sessions.about import SIMULATED_EPOCH_NS, RecordingAbout
 from rig.sessions.manifest import SCHEMA_VERSION
 from rig.sessions.recorder import LiftRecorder
-from rig.sessions.records import Lift
-from rig.sessions.timing import LiftTiming
+from rig.sessions.records import Lift, LiftTiming
 from rig.sessions.unfinished import completed, new_recording
 from rig.tactile.angles import Angles
 from rig.version import VERSION

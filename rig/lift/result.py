@@ -16,8 +16,15 @@ from rig.lift.object_angle import ZERO_S
 from rig.lift.onset import departure_ns, estimated_onset_ns, slip_onset_ns
 from rig.lift.slip_watch import CAUGHT_DEG, SlipEvent, SlipWatch
 from rig.results.scores import score_angles
-from rig.sessions.records import ClockLag, Lift, LiftOutcome, ReactionRecord, SlipThreshold, TurnsAgainst
-from rig.sessions.timing import StageTimes
+from rig.sessions.records import (
+    ClockLag,
+    Lift,
+    LiftOutcome,
+    ReactionRecord,
+    SlipThreshold,
+    StageTimes,
+    TurnsAgainst,
+)
 from rig.tactile.angles import FUSED, MARKERS, Angles
 from rig.tactile.sample import SlipSample, State, faults_of
 
@@ -156,9 +163,10 @@ def lift_result(measurement: LiftMeasurement, lift: Lift) -> tuple[Lift, dict[st
     end_ns = measurement.phases[Phase.LOWER]
     fall_ns = measurement.fall_ns(end_ns)
     held_ns = end_ns if fall_ns is None else fall_ns
-    truth, since_zero = measurement.truth.series(lift_ns), measurement.truth.series_since_zero(lift_ns)
+    truth = measurement.truth.series(lift_ns)
     if fall_ns is not None:
-        truth, since_zero = (of.picked(of.time_ns < fall_ns) for of in (truth, since_zero))
+        truth = truth.picked(truth.time_ns < fall_ns)
+    since_zero = truth.picked(truth.time_ns >= measurement.truth.rests_from_ns)
     angle = measurement.angle
     tips = {
         serial: Angles.of(map(tip.answer, tip.samples), serial, lift_ns) for serial, tip in angle.tips.items()

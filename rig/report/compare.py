@@ -103,7 +103,6 @@ class Comparison:
 
     @property
     def judged(self) -> bool:
-        """Whether there are enough lifts for a verdict."""
         return self.error is not None and self.error.low is not None
 
     @property
@@ -126,10 +125,6 @@ def _mean(error: ErrorSummary | None) -> float | None:
     return error and error.mean_deg
 
 
-def _late_s(lift: Lift) -> float | None:
-    return None if lift.onset_delay_s is None else abs(lift.onset_delay_s)
-
-
 ERROR = Figure("mean error in B and C", "°", lambda lift: _mean(lift.re), of_turn=True)
 TIME = Figure("time per tactile frame with contact, median", "ms", lambda lift: lift.frame_ms)
 HELD = "mean error if refused frames keep the last angle"
@@ -139,7 +134,12 @@ FIGURES = (
     Figure(HELD, "°", lambda lift: _mean(lift.re_held), of_turn=True),
     Figure("largest error in B and C", "°", lambda lift: lift.re and lift.re.max_deg, of_turn=True),
     Figure("frames with an angle", "%", lambda lift: 100.0 * lift.answered, smaller=False),
-    Figure("error of the slip's start", "s", _late_s, of_turn=True),
+    Figure(
+        "error of the slip's start",
+        "s",
+        lambda lift: lift.onset_delay_s and abs(lift.onset_delay_s),
+        of_turn=True,
+    ),
     TIME,
     Figure("true turn", "°", lambda lift: lift.final_truth_deg, smaller=None),
 )

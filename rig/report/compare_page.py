@@ -39,8 +39,8 @@ def compare_page(comparison: Comparison, simulated: bool, about: str, notes: Seq
         fewest=FEWEST_LIFTS,
         chart=difference_chart(comparison) if comparison.error else None,
         apart=[each.text for each in comparison.apart],
-        figures=figure_table(comparison),
-        objects=object_table(comparison),
+        figures=_table(comparison, "figure", [(p.figure.name, p) for p in comparison.overall]),
+        objects=_table(comparison, "object", list(comparison.objects.items())),
         lifts=lift_charts(comparison),
         alone=comparison.alone,
         notes=notes,
@@ -100,15 +100,6 @@ def lift_charts(comparison: Comparison) -> list[Chart]:
 def shorten(name: str) -> str:
     """Return the end of a name that is too long for the chart; sessions begin with their date."""
     return name if len(name) <= _NAME else "\u2026" + name[1 - _NAME :]
-
-
-def figure_table(comparison: Comparison) -> Table:
-    return _table(comparison, "figure", [(p.figure.name, p) for p in comparison.overall])
-
-
-def object_table(comparison: Comparison) -> Table:
-    """Return a table of the mean error over B and C per object."""
-    return _table(comparison, "object", list(comparison.objects.items()))
 
 
 def _table(comparison: Comparison, head: str, named: Sequence[tuple[str, Paired]]) -> Table:

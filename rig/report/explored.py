@@ -6,6 +6,7 @@ page's palette.
 
 import re
 from collections.abc import Sequence
+from contextlib import suppress
 from itertools import cycle
 from pathlib import Path
 from typing import Any
@@ -169,7 +170,6 @@ def _numbers(values: Floats, digits: int) -> list[float | None]:
 
 
 def film_mark(lift: Lift) -> str:
-    """Return the placeholder of a lift's film in the page's data."""
     return f"film of {anchor(lift)}"
 
 
@@ -182,15 +182,15 @@ def with_films(page: str, trial: Trial) -> str:
     marks = {mark: lift for mark, lift in marks.items() if mark in page}
     room = (MOST_BYTES - len(page.encode())) // max(len(marks), 1)
     most_bytes = max(room * 3 // 4, LEAST_FILM_BYTES)  # base64 adds a third
-    films = {mark: htmlsafe_json_dumps(_film_of(trial, lift, most_bytes)) for mark, lift in marks.items()}
+    films = {}
+    for mark, lift in marks.items():
+        film = None
+        with suppress(*UNREADABLE):  # the page has a notice about the damaged recording
+            if lift.curves is not None:
+                film = lift_film(
+                    trial.folder / lift.recording, lift.curves, lift.zero_ns, trial.manifest, most_bytes
+                )
+        films[mark] = htmlsafe_json_dumps(film)
     # in one pass, so that a placeholder inside a film's data is not replaced
     pattern = "|".join(map(re.escape, films)) or "(?!)"
     return re.sub(pattern, lambda found: f'"film":{films[found.group()]}', page)
-
-
-def _film_of(trial: Trial, lift: Lift, most_bytes: int) -> Json | None:
-    try:
-        path, curves = trial.folder / lift.recording, lift.curves
-        return curves and lift_film(path, curves, lift.zero_ns, trial.manifest, most_bytes)
-    except UNREADABLE:  # the page has a notice about the damaged recording
-        return None

@@ -192,13 +192,18 @@ def write_film(
     `RecordingError` if the film cannot be written.
     """
     out = film_place(out)
-    scenes = [_of_clip(each) if isinstance(each, EstimatedSeries) else _read(*each) for each in filmed]
+    scenes = [_scene(each) for each in filmed]
     shared = on_one_scale([scene.curves for scene in scenes])
     scenes = [replace(scene, curves=curves) for scene, curves in zip(scenes, shared, strict=True)]
     return save_film(out, _pictures(scenes, speed / fps, width_px), fps)
 
 
-def _read(folder: Path, manifest: TrialManifest, lift: Lift) -> _Scene:
+def _scene(of: Filmed | EstimatedSeries) -> _Scene:
+    """Return a clip, or a lift. Raises `SessionError` for a recording that cannot be read."""
+    if isinstance(of, EstimatedSeries):
+        images = ((f.time.time_ns / NS_PER_S, f.image) for f in of.frames if f.image is not None)
+        return _Scene(of.name, estimate_curves(of), ((tip_of(of), _newest(images)),), None)
+    folder, manifest, lift = of
     if lift.curves is None:
         raise SessionError(f"{folder / lift.recording}: the recording cannot be read; choose another --lift")
     path, zero_ns, signs = folder / lift.recording, lift.zero_ns, manifest.signs
@@ -212,12 +217,6 @@ def _read(folder: Path, manifest: TrialManifest, lift: Lift) -> _Scene:
     mark = "SIMULATED, " if manifest.simulated else ""
     reaction = "" if manifest.react is ReactionKind.NONE else f", on a slip: {manifest.react}"
     return _Scene(f"{mark}{lift.title}{reaction}", lift.curves, tuple(tips), _newest(camera))
-
-
-def _of_clip(series: EstimatedSeries) -> _Scene:
-    curves = estimate_curves(series)
-    frames = ((f.time.time_ns / NS_PER_S, f.image) for f in series.frames if f.image is not None)
-    return _Scene(series.name, curves, ((tip_of(series), _newest(frames)),), None)
 
 
 def _newest(frames: Iterable[tuple[float, Image]]) -> _ImageAt:

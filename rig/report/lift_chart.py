@@ -227,7 +227,6 @@ class CurvePanel:
 
 
 def draw_panel(lift: LiftCurves, width_px: int, height_px: int) -> CurvePanel:
-    """Draw a lift's curves at a size in px."""
     (whole, origin, one), (empty, *_) = (
         _drawn(lift, width_px, height_px, until_s) for until_s in (np.inf, -np.inf)
     )

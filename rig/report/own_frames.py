@@ -30,7 +30,6 @@ def estimate_curves(series: EstimatedSeries) -> LiftCurves:
 
 
 def tip_of(series: EstimatedSeries) -> TipFrames:
-    """Return the data that are drawn into the frames of a series."""
     found, zero = series.estimate, None
     if found.zero is not None:
         zero = next(iter(_images(series, [found.times.index(found.zero)]).values()), None)

@@ -17,9 +17,8 @@ from rig.sessions.lift_curves import LiftCurves
 from rig.sessions.manifest import TrialManifest
 from rig.sessions.reading import read_curves
 from rig.sessions.recording_file import recording_gaps
-from rig.sessions.records import LIFTS, Lift, finished
+from rig.sessions.records import LIFT_TIMINGS, LIFTS, Lift, LiftTiming, finished
 from rig.sessions.rows import readable_rows
-from rig.sessions.timing import LIFT_TIMINGS, LiftTiming
 
 Record = TypeVar("Record")
 UNREADABLE = (

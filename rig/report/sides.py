@@ -8,6 +8,7 @@ continues without it.
 
 import hashlib
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cache, partial
 from io import BytesIO
@@ -20,7 +21,7 @@ from drivers.formats import write_whole
 from drivers.named_classes import is_class_name
 from rig.experiments.lift_plan import TrialSettings, trial_of
 from rig.experiments.process_pool import run_tasks
-from rig.experiments.replay import replay_or_problem
+from rig.experiments.replay import replay_lift
 from rig.report.session import UNREADABLE, read_timing, read_usable
 from rig.sessions.codec import json_line
 from rig.sessions.files import MANIFEST, RESULTS, append_line, drop_torn_line, state_folder
@@ -62,10 +63,12 @@ def _stored_side(folder: Path, name: str | None, manifest: TrialManifest) -> Sid
     rows, problems = read_usable(folder / RESULTS["trial"], LIFTS)
     timed = [timing for timing in read_timing(folder) if "total" in timing.stages]
     took = {(timing.number, timing.attempt): timing.stages["total"].p50_ms for timing in timed}
-    lifts = [
-        replace(_with_curves(folder, lift, manifest), frame_ms=took.get((lift.number, lift.attempt)))
-        for lift in finished(rows)
-    ]
+    lifts = []
+    for lift in finished(rows):
+        curves = None
+        with suppress(*UNREADABLE):
+            curves = read_curves(folder, lift, manifest.signs)
+        lifts.append(replace(lift, curves=curves, frame_ms=took.get((lift.number, lift.attempt))))
     if not lifts:
         raise SessionError(f"{folder}: no finished lift to compare; run the trial with --resume first")
     notes = tuple(notice.what for notice in problems)
@@ -97,13 +100,6 @@ def estimator_side(folder: Path, estimator: str, jobs: int, progress: Progress) 
     return Side(estimator, lifts, stored.simulated, f"{wanted.name}, window {wanted.window}", notes)
 
 
-def _with_curves(folder: Path, lift: Lift, manifest: TrialManifest) -> Lift:
-    try:
-        return replace(lift, curves=read_curves(folder, lift, manifest.signs))
-    except UNREADABLE:
-        return lift
-
-
 SOURCES = ("rig/tactile", "rig/lift", "rig/models", "rig/sessions", "calibration", "drivers")
 """Folders and files of the code that a replay's results depend on."""
 Replayed = tuple[Lift, Angles]
@@ -128,9 +124,10 @@ def replayed(
             found[row.number] = replace(row, **{name: getattr(before, name) for name in FIGURES}), angles
     count, problems = len(found), list(usable.problems)
     left = [row for row in usable.lifts if row.number not in found]
-    for _, again in run_tasks(partial(replay_or_problem, folder, settings), left, jobs):
-        if isinstance(again, str):
-            problems.append(again)
+    work = partial(replay_lift, folder, settings, around_gaps=False)
+    for _, (again, problem) in run_tasks(work, left, jobs):
+        if again is None:
+            problems.append(problem or "")
             continue
         found[again[0].number] = again
         if file is not None:

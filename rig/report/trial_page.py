@@ -1,6 +1,7 @@
 """The report of a trial."""
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 from datetime import UTC, datetime
 
@@ -31,8 +32,7 @@ from rig.report.strips import Still, strip
 from rig.results.metrics import FEWEST_LIFTS, INTERVAL, Floats, mare_of, mare_text, summarize
 from rig.results.summary import TrialSummary, summarize_trial
 from rig.sessions.lift_curves import LiftCurves
-from rig.sessions.records import SHOWN, Lift, LiftOutcome, totals
-from rig.sessions.timing import LiftTiming, StageTimes
+from rig.sessions.records import SHOWN, Lift, LiftOutcome, LiftTiming, StageTimes, totals
 
 WORST_LIFTS = 3
 MOST_PAIRS = 3
@@ -47,7 +47,15 @@ def trial_page(trial: Trial, other: Trial | None = None, now: datetime | None = 
     summary = summarize_trial(trial.rows)
     anchors = {lift.title: anchor(lift) for lift in trial.lifts if lift.curves is not None}
     figures = _charts(trial)
-    lifts = [_chart(trial, lift, lift.curves) for lift in steps(trial.lifts) if lift.curves is not None]
+    lifts = []
+    for lift in steps(trial.lifts):
+        if (curves := lift.curves) is None:
+            continue
+        data = explored(curves, angle_panels(curves))
+        with suppress(*UNREADABLE):  # the page has a notice about the damaged recording
+            data = recorded_lift(trial.folder / lift.recording, curves, lift.zero_ns, film_mark(lift))
+        chart = lift_chart(curves, lift_caption(lift))
+        lifts.append(replace(chart, anchor=anchor(lift), explored=data))
     objects = object_table(summary) if summary.objects else None
     known = [(lift.re.mean_deg, lift, lift.curves) for lift in trial.lifts if lift.re and lift.curves]
     worst = sorted(known, key=lambda entry: -entry[0])[:WORST_LIFTS]
@@ -85,13 +93,13 @@ def object_table(summary: TrialSummary) -> Table:
     return table_of(
         summary.objects,
         {
-            "object": lambda o: f"{o.object_id} {o.name}",
+            "object": lambda o: o.name,
             "MARE in B, °": lambda o: mare_text(o.mare_b),
             "MARE in B and C, °": lambda o: mare_text(o.mare),
-            "lifts": lambda o: str(o.lifts),
+            "lifts": lambda o: str(o.lifts_accepted),
             "true turn, °": lambda o: o.turn_text,
             "answered": lambda o: f"{o.answered:.1%}",
-            "outcomes": lambda o: ", ".join(f"{count} {name}" for name, count in o.outcomes.items()),
+            "outcomes": lambda o: o.outcomes_text,
         },
         ["all", mare_text(summary.mare_b), mare_text(summary.mare), str(summary.lifts_accepted), "",
          f"{summary.answered:.1%}", ""],
@@ -157,7 +165,6 @@ def fingertip_table(lifts: Sequence[Lift]) -> Table:
 
 
 def _with_strips(trial: Trial, lift: Lift, curves: LiftCurves) -> dict[str, object]:
-    """Return the chart of a lift with its frames."""
     strips, problem = dict[str, list[Still]](), None
     path, signs = trial.folder / lift.recording, trial.manifest.signs
     for serial in trial.manifest.serials:
@@ -168,15 +175,6 @@ def _with_strips(trial: Trial, lift: Lift, curves: LiftCurves) -> dict[str, obje
             problem = Notice("bad", f"The frames of {serial} cannot be shown.", str(error))
     chart = lift_chart(curves, lift_caption(lift))
     return {"chart": chart, "strips": strips, "problem": problem, "anchor": anchor(lift)}
-
-
-def _chart(trial: Trial, lift: Lift, curves: LiftCurves) -> Chart:
-    try:
-        path = trial.folder / lift.recording
-        data = recorded_lift(path, curves, lift.zero_ns, film_mark(lift))
-    except UNREADABLE:  # the page has a notice about the damaged recording
-        data = explored(curves, angle_panels(curves))
-    return replace(lift_chart(curves, lift_caption(lift)), anchor=anchor(lift), explored=data)
 
 
 def lift_table(lifts: Sequence[Lift]) -> Table:
@@ -332,12 +330,8 @@ def _pairs(both: Sequence[tuple[Lift, Lift]]) -> list[list[Chart]]:
     for pair in caught:
         curves = curves_of(pair)
         if len(curves) == len(pair) and len(drawn) < MOST_PAIRS:
-            drawn.append(
-                [
-                    lift_chart(own, _reaction_caption(lift))
-                    for lift, own in zip(pair, on_one_scale(curves), strict=True)
-                ]
-            )
+            scaled = zip(on_one_scale(curves), pair, strict=True)
+            drawn.append([lift_chart(own, _reaction_caption(lift)) for own, lift in scaled])
     return drawn
 
 

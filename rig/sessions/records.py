@@ -1,8 +1,9 @@
-"""The records of a session, line by line: lifts, poses, replayed lifts.
+"""The records of a session, line by line: lifts, poses, and the durations of both.
 
 Units are degrees, seconds, metres and pixels, as the names state; angles are positive counter-clockwise in
 the external camera's view. The schema version is in the session's manifest (`manifest.py`). Any
-change of a key requires a new version.
+change of a key requires a new version. Durations are in `timing.jsonl`, because everything else is the same
+for the same seed.
 """
 
 import json
@@ -448,6 +449,18 @@ class PoseRow:
         return self.fault is not None
 
 
+IMAGE_COLUMNS = {
+    "file": str, "pose": int, "position": str, "orientation_deg": float, "grip_counts": int, "serial": str,
+    "time_s": float, "contact_area_px": float,
+}  # fmt: skip
+"""Columns of tables of images, with their types."""
+
+
+def image_lines(poses: Iterable[PoseRow]) -> Iterator[dict[str, object]]:
+    """Yield the values of each image of some poses, by column."""
+    return ({**vars(pose), **vars(image)} for pose in poses for image in pose.images)
+
+
 class _LiftCodec(Codec[Lift]):
     """Reads lifts. A lift that counts has all figures that are not optional; any other lift has none."""
 
@@ -464,8 +477,59 @@ class _LiftCodec(Codec[Lift]):
         return lift
 
 
+@dataclass(frozen=True, slots=True)
+class StageTimes:
+    """Percentiles of a stage's computing time per frame, ms."""
+
+    p50_ms: float
+    p95_ms: float
+    p99_ms: float
+
+
+@dataclass(frozen=True, slots=True)
+class LatencyTimes(StageTimes):
+    """Percentiles and maximum of the time from a frame's capture to its logged angle, ms."""
+
+    max_ms: float
+
+
+@strict
+@dataclass(frozen=True, kw_only=True)
+class LiftTiming:
+    """A trial's line of `timing.jsonl`. capture_to_angle: by serial, only on benches in real time."""
+
+    number: int
+    attempt: int
+    wall_s: float
+    stages: dict[str, StageTimes]
+    capture_to_angle: dict[str, LatencyTimes] | None = None
+
+
+@strict
+@dataclass(frozen=True, kw_only=True)
+class PoseTiming:
+    """A recording's line of `timing.jsonl`."""
+
+    pose: int
+    attempt: int
+    wall_s: float
+
+
+@strict
+@dataclass(frozen=True, kw_only=True)
+class ReplayTiming:
+    """A replay's line of `timing.jsonl`, in the order in which lifts finished."""
+
+    session: str
+    number: int | None
+
+
+TimingLine = LiftTiming | PoseTiming | ReplayTiming
+
+
 LIFTS: Codec[Lift] = _LiftCodec(Lift)
 POSES: Codec[PoseRow] = Codec(PoseRow)
+LIFT_TIMINGS: Codec[LiftTiming] = Codec(LiftTiming)
 
 
 def finished(lifts: Iterable[Lift]) -> list[Lift]:

@@ -179,8 +179,10 @@ def test_zero_of_a_slow_camera_uses_earlier_frames_but_none_of_the_grasp(scene):
     for _ in range(STILL_FRAMES):
         lift.see(16.0)
     lift.truth.set_zero(lift.time_ns - 5 * FRAME_NS, lift.time_ns, earliest_ns=rest_ns)
-    assert abs(lift.truth.series_since_zero().angle_deg.mean()) < 1e-9
-    assert len(lift.truth.series_since_zero().time_ns) == 10
+    whole = lift.truth.series()
+    since = whole.picked(whole.time_ns >= lift.truth.rests_from_ns)
+    assert len(since) == 10
+    assert abs(since.angle_deg.mean()) < 1e-9
     late_ns = lift.time_ns - 5 * FRAME_NS
     with pytest.raises(CalibrationError, match="5 frames"):
         lift.truth.set_zero(late_ns, lift.time_ns, earliest_ns=late_ns)
@@ -195,17 +197,16 @@ def test_moving_object_gives_no_zero(scene):
         lift.truth.measure_zero()
 
 
-def test_series_since_zero_begins_at_the_zero(scene):
+def test_series_includes_the_frames_before_the_zero(scene):
     lift = Lift(scene)
     for _ in range(3):
         lift.see(-5.0)
     zero_from = lift.time_ns
     lift.rest()
-    whole, since = lift.truth.series(), lift.truth.series_since_zero()
-    assert len(whole.time_ns) == STILL_FRAMES + 3
+    whole = lift.truth.series()
+    assert len(whole) == STILL_FRAMES + 3
     assert whole.angle_deg[0] == pytest.approx(-5.0, abs=0.1)
-    assert since.time_ns[0] == zero_from
-    np.testing.assert_array_equal(since.angle_deg, whole.angle_deg[3:])
+    assert whole.time_ns[3] == zero_from == lift.truth.rests_from_ns
 
 
 @pytest.mark.parametrize("shape", [(480, 640, 4), (480, 640, 1)])

@@ -15,8 +15,7 @@ from rig.report.advice import trial_notices
 from rig.report.session import Trial, read_trial
 from rig.report.trial_page import onset_table
 from rig.sessions.manifest import TrialManifest, read_manifest_of
-from rig.sessions.records import Lift, LiftOutcome, ReactionRecord
-from rig.sessions.timing import LiftTiming, StageTimes
+from rig.sessions.records import Lift, LiftOutcome, LiftTiming, ReactionRecord, StageTimes
 from rig.tactile.angles import Angles
 
 TURNS_DEG = (12.0, -20.0, 9.0, 15.0, -11.0)

@@ -14,9 +14,17 @@ from drivers.errors import SessionError
 from rig.config import load_bench
 from rig.sessions.codec import json_line, json_value
 from rig.sessions.manifest import RecordManifest, TrialManifest, begun_on, read_manifest, read_manifest_of
-from rig.sessions.records import LIFTS, POSES, Lift, PoseRow
+from rig.sessions.records import (
+    LIFT_TIMINGS,
+    LIFTS,
+    POSES,
+    LatencyTimes,
+    Lift,
+    LiftTiming,
+    PoseRow,
+    StageTimes,
+)
 from rig.sessions.rows import read_lifts, readable_rows
-from rig.sessions.timing import LIFT_TIMINGS, LatencyTimes, LiftTiming, StageTimes
 
 MakeRow = Callable[..., Lift]
 POSE = PoseRow(

@@ -12,10 +12,9 @@ from drivers.errors import InputError, OperatorStopError, RecordingError
 from rig.config import load_bench
 from rig.sessions.files import MANIFEST, append_line, write_file
 from rig.sessions.manifest import is_session, read_manifest
-from rig.sessions.records import LIFTS, Lift
+from rig.sessions.records import LIFTS, Lift, LiftTiming
 from rig.sessions.rows import read_lifts
 from rig.sessions.session import Session, SessionLog, newest_unfinished, open_session
-from rig.sessions.timing import LiftTiming
 from support.recordings import trial_request
 
 MakeRow = Callable[..., Lift]

@@ -10,9 +10,8 @@ import numpy as np
 from calibration.time_offset import FEWEST, TimedSignal, time_offset
 from drivers.clock import NS_PER_S, to_ns
 from protocols.observer import Phase, ReactionStep
-from rig.lift.fusion import Disagreement
 from rig.lift.measurement import LiftMeasurement
-from rig.lift.object_angle import ZERO_S
+from rig.lift.object_angle import ZERO_S, Disagreement
 from rig.lift.onset import departure_ns, estimated_onset_ns, slip_onset_ns
 from rig.lift.slip_watch import CAUGHT_DEG, SlipEvent, SlipWatch
 from rig.results.scores import score_angles

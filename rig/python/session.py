@@ -22,11 +22,11 @@ from drivers.types import ArmState, Image
 from drivers.values import short_repr
 from protocols.observer import Phase
 from rig.sessions import records
-from rig.sessions.lift_curves import LiftCurves
 from rig.sessions.manifest import TrialManifest, read_manifest_of
 from rig.sessions.reading import read_curves, recorded_arm_states, recorded_frames, recorded_gripper
 from rig.sessions.recorder import GRIPPER_TOPIC
 from rig.sessions.recording_file import recorded_messages
+from rig.sessions.records import LiftCurves
 from rig.sessions.rows import read_usable_lifts
 from rig.tactile.angles import Angles, Floats, data_frame
 from rig.tactile.contact.background import mean_background

@@ -16,9 +16,8 @@ from rig.report.parts import Notice, Table, joined
 from rig.report.session import Trial, curves_of
 from rig.results.metrics import FEWEST_LIFTS
 from rig.results.summary import ADVICE, main_refusal
-from rig.sessions.lift_curves import LiftCurves
 from rig.sessions.manifest import BenchManifest
-from rig.sessions.records import LiftOutcome, totals
+from rig.sessions.records import LiftCurves, LiftOutcome, totals
 
 LEAST_ANSWERED, LEAST_COVERED = 0.95, 0.90
 MOST_DROPPED, MOST_UNSEEN = 0.001, 0.05

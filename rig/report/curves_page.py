@@ -13,10 +13,8 @@ from rig.lift.onset import slip_onset_ns
 from rig.lift.result import FINAL_S
 from rig.pages.page import render
 from rig.report.advice import sigma_notices
-from rig.report.charts import boxes, coverage_chart, error_against, finals_chart
-from rig.report.curves import AXIS_DEG, TURN_DEG, unwrapped
+from rig.report.charts import boxes, coverage_chart, error_against, finals_chart, key, lift_chart
 from rig.report.explored import angle_panels, explored
-from rig.report.lift_chart import key, lift_chart
 from rig.report.parts import (
     Notice,
     ReportPage,
@@ -30,8 +28,8 @@ from rig.report.parts import (
 )
 from rig.report.session import curves_of
 from rig.results.metrics import FEWEST_LIFTS, INTERVAL, Floats, Mare, mare_of, mare_text, summarize
-from rig.sessions.lift_curves import LiftCurves
-from rig.sessions.records import Lift, lift_of_table
+from rig.results.scores import AXIS_DEG, TURN_DEG, unwrapped
+from rig.sessions.records import Lift, LiftCurves, lift_of_table
 from rig.tactile.angles import Angles
 
 COLUMNS = {

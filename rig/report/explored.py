@@ -18,17 +18,16 @@ from jinja2.utils import htmlsafe_json_dumps
 from drivers.clock import NS_PER_S
 from rig.pages.page import data_uri
 from rig.pages.palette import ESTIMATE, FIRST, INK, SECOND, TRUTH, Colour
-from rig.report.lift_chart import SIGMAS, angle_range, shown_range
+from rig.report.charts import SIGMAS, angle_range, shown_range
 from rig.report.parts import anchor
 from rig.report.session import UNREADABLE, Trial
 from rig.report.strips import pictures
 from rig.results.metrics import Floats
-from rig.sessions.lift_curves import LiftCurves
 from rig.sessions.manifest import TrialManifest
 from rig.sessions.reading import recorded_gripper, recorded_joints
 from rig.sessions.recorder import GRIPPER_TOPIC, JOINTS_TOPIC
 from rig.sessions.recording_file import recorded_messages
-from rig.sessions.records import Lift
+from rig.sessions.records import Lift, LiftCurves
 
 FRAMES_BEFORE, FRAMES_OF_LIFT, FILM_HEIGHT_PX = 4, 20, 144
 """Number of images of a film in phase A, in which nothing turns, and from phase B on; height of an image."""

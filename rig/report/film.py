@@ -21,13 +21,12 @@ from drivers.types import Image
 from protocols.reaction import ReactionKind
 from rig.frames.estimates import EstimatedSeries
 from rig.pages.palette import ESTIMATE, INK, MUTED, PAPER, PHASE, TRUTH
-from rig.report.lift_chart import draw_panel, on_one_scale, shown_range
+from rig.report.charts import draw_panel, on_one_scale, shown_range
 from rig.report.own_frames import estimate_curves, tip_of
 from rig.report.strips import TipFrames, angles_at, caption, drawn, read_tip, rgb
-from rig.sessions.lift_curves import LiftCurves
 from rig.sessions.manifest import TrialManifest
 from rig.sessions.reading import recorded_frames
-from rig.sessions.records import Lift
+from rig.sessions.records import Lift, LiftCurves
 
 H264 = "avc1"
 """Codec of .mp4 files. Many builds of OpenCV, including those on PyPI, have no encoder for it."""

@@ -8,10 +8,10 @@ from drivers.clock import NS_PER_S
 from drivers.types import Image
 from rig.frames.estimates import EstimatedSeries
 from rig.pages.page import render
-from rig.report.lift_chart import key, lift_chart
+from rig.report.charts import key, lift_chart
 from rig.report.parts import Notice, Table, angle_text, made_text, table_of
 from rig.report.strips import FRAMES, Still, TipFrames, caption, drawn, still, tip_at_zero
-from rig.sessions.lift_curves import LiftCurves
+from rig.sessions.records import LiftCurves
 from rig.tactile.angles import Angles
 from rig.tactile.contact.finder import ContactFinder
 

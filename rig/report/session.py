@@ -13,11 +13,10 @@ from drivers.progress import steps
 from rig.report.parts import Notice, joined
 from rig.sessions.codec import Codec
 from rig.sessions.files import RESULTS, TIMING
-from rig.sessions.lift_curves import LiftCurves
 from rig.sessions.manifest import TrialManifest
 from rig.sessions.reading import read_curves
 from rig.sessions.recording_file import recording_gaps
-from rig.sessions.records import LIFT_TIMINGS, LIFTS, Lift, LiftTiming, finished
+from rig.sessions.records import LIFT_TIMINGS, LIFTS, Lift, LiftCurves, LiftTiming, finished
 from rig.sessions.rows import readable_rows
 
 Record = TypeVar("Record")

@@ -17,10 +17,10 @@ from drivers.images import decode_stored, encode_jpeg
 from drivers.types import Frame, Image
 from rig.pages.palette import ESTIMATE, TRUTH
 from rig.report.parts import angle_text
-from rig.sessions.lift_curves import LiftCurves
 from rig.sessions.reading import recorded_frames, recorded_jpeg
 from rig.sessions.recorder import image_topic
 from rig.sessions.recording_file import recorded_messages
+from rig.sessions.records import LiftCurves
 from rig.tactile.contact.background import mean_background
 from rig.tactile.contact.finder import ContactFinder
 from rig.tactile.paper.axis import ellipse_axis

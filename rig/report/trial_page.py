@@ -13,8 +13,8 @@ from protocols.reaction import ReactionKind
 from rig.pages.page import render
 from rig.report import charts
 from rig.report.advice import calibration_table, trial_notices
+from rig.report.charts import key, lift_chart, on_one_scale
 from rig.report.explored import angle_panels, explored, film_mark, recorded_lift, with_films
-from rig.report.lift_chart import key, lift_chart, on_one_scale
 from rig.report.parts import (
     Chart,
     Notice,
@@ -31,8 +31,7 @@ from rig.report.session import UNREADABLE, Trial, curves_of
 from rig.report.strips import Still, strip
 from rig.results.metrics import FEWEST_LIFTS, INTERVAL, Floats, mare_of, mare_text, summarize
 from rig.results.summary import TrialSummary, summarize_trial
-from rig.sessions.lift_curves import LiftCurves
-from rig.sessions.records import SHOWN, Lift, LiftOutcome, LiftTiming, StageTimes, totals
+from rig.sessions.records import SHOWN, Lift, LiftCurves, LiftOutcome, LiftTiming, StageTimes, totals
 
 WORST_LIFTS = 3
 MOST_PAIRS = 3

@@ -20,7 +20,6 @@ from drivers.images import decode_stored
 from drivers.types import ArmMode, ArmState, Frame, GripperState, Pose, Vector6
 from protocols.observer import LiftEvents, Phase, ReactionStep
 from rig.sessions.codec import Codec, strict
-from rig.sessions.lift_curves import LiftCurves
 from rig.sessions.recorder import (
     ARM_TOPIC,
     GRIPPER_TOPIC,
@@ -31,7 +30,7 @@ from rig.sessions.recorder import (
     image_topic,
 )
 from rig.sessions.recording_file import Gaps, PhaseTimes, recorded_messages
-from rig.sessions.records import Lift
+from rig.sessions.records import Lift, LiftCurves
 from rig.tactile.angles import FUSED, MARKERS, Angles
 
 Value = TypeVar("Value")

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rig.lift.fusion import MAX_SKEW_NS, Disagreement, FusedAngles, fuse
+from rig.lift.object_angle import MAX_SKEW_NS, Disagreement, FusedAngles, fuse
 from rig.tactile.sample import SlipSample, State
 
 angles = st.floats(-180.0, 180.0)

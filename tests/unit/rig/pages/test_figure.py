@@ -13,8 +13,8 @@ from matplotlib.collections import LineCollection
 
 from rig.benchmark.clips.study import draw_clip
 from rig.pages.figure import drawing, svg
-from rig.report.lift_chart import draw_lift
-from rig.sessions.lift_curves import LiftCurves
+from rig.report.charts import draw_lift
+from rig.sessions.records import LiftCurves
 from rig.tactile.angles import Angles
 
 ANGLES = st.lists(st.floats(-180.0, 180.0) | st.just(float("nan")), min_size=40, max_size=40).map(np.array)

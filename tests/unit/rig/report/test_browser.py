@@ -15,8 +15,7 @@ from drivers.types import Pose
 from rig.calibrate import figures
 from rig.calibrate.result import CalibrationResult, file_result
 from rig.pages.page import render
-from rig.report.compare import compare_lifts
-from rig.report.compare_page import compare_page
+from rig.report.compare import compare_lifts, compare_page
 from rig.report.parts import Table
 from rig.report.sessions_page import write_sessions
 from rig.report.sides import session_side

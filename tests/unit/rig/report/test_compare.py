@@ -13,8 +13,7 @@ from hypothesis import strategies as st
 from drivers.errors import InputError
 from protocols.reaction import ReactionKind
 from rig.pages.palette import FIRST, SECOND, TRUTH
-from rig.report.compare import ERROR, compare_lifts, paired, verdict
-from rig.report.compare_page import compare_page, figure_table, lift_charts
+from rig.report.compare import ERROR, compare_lifts, compare_page, figure_table, lift_charts, paired, verdict
 from rig.report.sides import session_side
 from rig.sessions.records import ErrorSummary, Lift, LiftOutcome
 

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from drivers.errors import InputError
-from rig.report.lift_chart import angle_range, lift_chart, shown_range
+from rig.report.charts import angle_range, lift_chart, shown_range
 from rig.report.parts import Chart
 from rig.report.write import write_report
-from rig.sessions.lift_curves import LiftCurves
+from rig.sessions.records import LiftCurves
 
 pytestmark = pytest.mark.slow
 

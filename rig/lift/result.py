@@ -10,7 +10,7 @@ import numpy as np
 from calibration.time_offset import FEWEST, TimedSignal, time_offset
 from drivers.clock import NS_PER_S, to_ns
 from protocols.observer import Phase, ReactionStep
-from rig.lift.measurement import LiftMeasurement
+from rig.lift.measurement import LiftMeasurement, distance_warning
 from rig.lift.object_angle import ZERO_S, Disagreement
 from rig.lift.onset import departure_ns, estimated_onset_ns, slip_onset_ns
 from rig.lift.slip_watch import CAUGHT_DEG, SlipEvent, SlipWatch
@@ -202,7 +202,7 @@ def lift_result(measurement: LiftMeasurement, lift: Lift) -> tuple[Lift, dict[st
         states=_states(samples),
         skipped=dict(Counter(stage for sample in samples for stage in sample.skipped)),
         disagreements={why.value: sum(s.disagreement is why for s in angle.fused) for why in Disagreement},
-        marker_distance=measurement.marker_distance(),
+        marker_distance=distance_warning(measurement.bench, measurement.truth.distance_sides()),
         turns_against=turns_against({n: of.between(lift_ns, held_ns) for n, of in tips.items()}, truth),
         lag=clock_lag(fused.picked(fused.time_ns < held_ns), truth),
         reactions=reactions,

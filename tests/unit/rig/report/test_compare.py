@@ -15,20 +15,16 @@ from protocols.reaction import ReactionKind
 from rig.pages.palette import FIRST, SECOND, TRUTH
 from rig.report.compare import ERROR, compare_lifts, compare_page, figure_table, lift_charts, paired, verdict
 from rig.report.sides import session_side
-from rig.sessions.records import ErrorSummary, Lift, LiftOutcome
+from rig.sessions.records import ErrorSummary, Lift, LiftOutcome, lift_of_table
 
 NAMES = ("old", "new")
 
 
 def row(lift: int, error: float | None, name: str = "wrench", answered: float = 1.0) -> Lift:
     part = None if error is None else ErrorSummary(error, 0.1, 2 * error, 100)
-    return Lift(
-            number=lift, attempt=0, object=f"id {name}", name=name, lift=lift, position="left",
-            grip_counts=3, lift_height_m=0.05, seed=0, simulated=True, recording="",
-            outcome=LiftOutcome.SLIPPED, re=part, re_b=part, re_held=part, contact_area_px={},
-            answered=answered, final_estimate_deg=None, final_truth_deg=10.0, onset_truth_s=None,
-            onset_estimate_s=None, onset_alarm_s=None, phases_s={}, frames={}, dropped={}, states={},
-            skipped={}, disagreements={}, accepted=True, bench_s=1.0,
+    return lift_of_table(
+        number=lift, object=f"id {name}", name=name, lift=lift, simulated=True, outcome=LiftOutcome.SLIPPED,
+        re=part, re_b=part, re_held=part, answered=answered, final_truth_deg=10.0,
     )  # fmt: skip
 
 

@@ -96,7 +96,7 @@ def play(of: SourceOptions, film: FilmOptions, json: JsonOption = False) -> None
         say(f"note: the installed OpenCV has no H.264 encoder for .mp4: {place} is written instead")
     figures = {"frames": done.frames, "codec": done.codec, "size_px": [width, height]}
     print_result(json, {"film": str(done.path), **figures}, done.path)
-    read = [(folder / lift.recording, lift.curves.notes) for folder, _, lift in lifts if lift.curves]
+    read = [(folder / lift.recording, lift.notes) for folder, _, lift in lifts]
     report_broken([gaps_text(recording, list(gaps)) for recording, gaps in read if gaps])
 
 

@@ -33,8 +33,8 @@ from rig.pages.palette import (
 from rig.report.parts import Chart, anchor
 from rig.report.strips import rgb
 from rig.results.metrics import Floats
-from rig.sessions.records import Lift, LiftCurves, LiftOutcome
-from rig.tactile.angles import Angles
+from rig.sessions.records import Lift, LiftOutcome
+from rig.tactile.angles import FUSED, MARKERS, Angles
 
 FEWEST_FRAMES = 30
 """Fewest frames for which percentiles are drawn."""
@@ -98,13 +98,13 @@ def boxes(
         return Chart(title, figure, caption, spots=spots)
 
 
-def _rate_deg_s(lift: LiftCurves) -> Floats:
+def _rate_deg_s(lift: Lift) -> Floats:
     """Return the rate of the markers at each frame of the estimate, (N,) deg/s, over 0.1 s around it."""
     times, half_s = lift.estimate.time_s, 0.05
     return (lift.truth.at(times + half_s) - lift.truth.at(times - half_s)) / (2 * half_s)
 
 
-AGAINST: dict[str, tuple[str, str, tuple[float, ...], Callable[[LiftCurves], Floats]]] = {
+AGAINST: dict[str, tuple[str, str, tuple[float, ...], Callable[[Lift], Floats]]] = {
     "Error over time": (
         "time from the start of the lift, s", "Absolute error over the time since phase B began.",
         (0.0, 0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 5.0), lambda lift: lift.estimate.time_s,
@@ -122,7 +122,7 @@ AGAINST: dict[str, tuple[str, str, tuple[float, ...], Callable[[LiftCurves], Flo
 """Charts of percentiles of the error, by title: label, caption, edges of the bins, and binned quantity."""
 
 
-def error_against(title: str, lifts: Sequence[LiftCurves]) -> Chart:
+def error_against(title: str, lifts: Sequence[Lift]) -> Chart:
     """Draw percentiles of the errors in phases B and C. title: in `AGAINST`."""
     label, what, edges, binned = AGAINST[title]
     errors = np.concatenate([np.zeros(0), *(np.abs(lift.error_deg) for lift in lifts)])
@@ -190,7 +190,7 @@ def grip_chart(lifts: Sequence[Lift]) -> Chart | None:
         return Chart("Grip and outcome", figure, caption, spots=spots)
 
 
-def coverage_chart(lifts: Sequence[LiftCurves]) -> Chart | None:
+def coverage_chart(lifts: Sequence[Lift]) -> Chart | None:
     """Draw the fraction of errors within multiples of the reported sigma; None without sigmas."""
     ratios = sigma_ratios(lifts)
     if ratios.size < FEWEST_FRAMES:
@@ -215,7 +215,7 @@ def coverage_chart(lifts: Sequence[LiftCurves]) -> Chart | None:
         return Chart("Does sigma cover the error?", figure, caption, spots=spots)
 
 
-def sigma_ratios(lifts: Sequence[LiftCurves]) -> Floats:
+def sigma_ratios(lifts: Sequence[Lift]) -> Floats:
     """Return |error| / sigma of all frames with an angle in B and C, (N,)."""
     parts = [np.zeros(0)]
     for lift in lifts:
@@ -256,7 +256,7 @@ def errors_by(lifts: Sequence[Lift], group: Callable[[Lift], str]) -> dict[str, 
     """Return the absolute errors in phase B, (N,) deg, by the group of their lift."""
     found: dict[str, list[Floats]] = {}
     for lift in lifts:
-        found.setdefault(group(lift), []).append(lift.curves.errors("B") if lift.curves else np.zeros(0))
+        found.setdefault(group(lift), []).append(lift.errors("B"))
     return {name: np.concatenate(parts) for name, parts in found.items()}
 
 
@@ -315,49 +315,58 @@ _SOLID, _DASHED, _DOTTED = (1.0, 0.0), (4.0, 1.2), (1.2, 1.2)
 Range = tuple[float, float]
 
 
-def lift_chart(lift: LiftCurves, caption: str) -> Chart:
+Ranges = tuple[Range, Range]
+"""Ranges of the axes of a lift's chart, s and deg."""
+
+
+def lift_chart(lift: Lift, caption: str, ranges: Ranges | None = None) -> Chart:
+    """Draw a lift's angles. ranges: of the axes; by default those that fit the lift."""
     with drawing(HEIGHT_PX, arranged=False) as figure:
-        draw_lift(figure, lift)
-        what = "estimated and marker angle" if lift.truth.time_s.size else "estimated angle"
-        return Chart(lift.name, figure, caption, f"{lift.name}: {what} over time")
+        draw_lift(figure, lift, ranges)
+        what = "estimated and marker angle" if len(lift.truth) else "estimated angle"
+        return Chart(lift.title, figure, caption, f"{lift.title}: {what} over time")
 
 
-def pair_chart(first: LiftCurves, second: LiftCurves, caption: str) -> Chart:
+def pair_chart(first: Lift, second: Lift, caption: str) -> Chart:
     """Draw one lift with the estimates of both sides of a comparison, and the marker angle of each."""
     with drawing(HEIGHT_PX, arranged=False) as figure:
-        axes = _lift_axes(figure, first, *_common_axes([replace(lift, tips={}) for lift in (first, second)]))
+        both = [replace(of, angles={FUSED: of.estimate, MARKERS: of.truth}) for of in (first, second)]
+        shown, other = map(shown_range, both)
+        axes = _lift_axes(figure, first, shown, common_ranges(both))
         same = np.array_equal(first.truth.angle_deg, second.truth.angle_deg, equal_nan=True)
-        _plot(axes, first, [(first.truth, TRUTH, _DASHED), (first.estimate, FIRST, _SOLID)])
-        _plot(axes, second, [] if same else [(second.truth, TRUTH, _DOTTED)])
-        _plot(axes, second, [(second.estimate, SECOND, _SOLID)])
-        axes.set_xlabel(first.time_label, labelpad=1.0)
-        return Chart(first.name, figure, caption, f"{first.name}: both estimates and the marker angle")
+        _plot(axes, [(first.truth, TRUTH, _DASHED), (first.estimate, FIRST, _SOLID)], shown)
+        _plot(axes, [] if same else [(second.truth, TRUTH, _DOTTED)], other)
+        _plot(axes, [(second.estimate, SECOND, _SOLID)], other)
+        axes.set_xlabel(_time_label(first), labelpad=1.0)
+        return Chart(first.title, figure, caption, f"{first.title}: both estimates and the marker angle")
 
 
-def on_one_scale(lifts: Sequence[LiftCurves]) -> list[LiftCurves]:
-    """Return the lifts with common axes, for charts that are compared with each other."""
-    axes = _common_axes(lifts)
-    return [replace(lift, axes=axes) for lift in lifts]
-
-
-def _common_axes(lifts: Sequence[LiftCurves]) -> tuple[Range, Range]:
-    """Return the smallest ranges that include all charts, s and deg."""
+def common_ranges(lifts: Sequence[Lift]) -> Ranges:
+    """Return the smallest ranges that include all lifts, for charts that are compared with each other."""
     starts, ends = zip(*map(shown_range, lifts), strict=True)
     lows, highs = zip(*map(angle_range, lifts), strict=True)
     return (min(starts), max(ends)), (min(lows), max(highs))
 
 
-def draw_lift(figure: Figure, lift: LiftCurves, until_s: float = np.inf) -> Axes:
+def _time_label(lift: Lift) -> str:
+    if not len(lift.truth):
+        return "time, s"
+    return "time from the start of the lift, s" if lift.recording else "time since the first row, s"
+
+
+def draw_lift(figure: Figure, lift: Lift, ranges: Ranges | None = None, until_s: float = np.inf) -> Axes:
     """Draw a lift's angles and, below them, the states of each fingertip, up to the time `until_s`."""
     tips = [tip for tip in lift.tips.values() if tip.states]
     states_px = _STATE_PX * len(tips)
-    axes = _lift_axes(figure, lift, shown_range(lift), angle_range(lift), states_px)
+    ranges = ranges or common_ranges([lift])
+    axes = _lift_axes(figure, lift, ranges[0], ranges, states_px)
     estimate, (low, high) = lift.estimate, axes.get_ylim()
     spread = SIGMAS * estimate.sigma_deg
-    shown = _shown(lift, estimate, until_s)
+    range_s = ranges[0][0], min(until_s, ranges[0][1])
+    shown = _shown(estimate, range_s)
     if np.isfinite(spread[shown]).any():
         band(axes, estimate.time_s[shown], estimate.angle_deg[shown], spread[shown], ESTIMATE.light)
-    _plot(axes, lift, [(lift.truth, TRUTH, _DASHED), (estimate, ESTIMATE, _SOLID)], until_s)
+    _plot(axes, [(lift.truth, TRUTH, _DASHED), (estimate, ESTIMATE, _SOLID)], range_s)
     for times, angles in before_lift(lift):
         known = (times <= until_s) & (angles >= low) & (angles <= high)
         axes.plot(times[known], angles[known], color=ESTIMATE.light, linewidth=0.8, alpha=0.7)
@@ -372,20 +381,18 @@ def draw_lift(figure: Figure, lift: LiftCurves, until_s: float = np.inf) -> Axes
         bottom.set_xlim(axes.get_xlim())
         axes.tick_params(labelbottom=False)
         _draw_states(bottom, tips, until_s)
-    bottom.set_xlabel(lift.time_label, labelpad=1.0)
+    bottom.set_xlabel(_time_label(lift), labelpad=1.0)
     return axes
 
 
-def _lift_axes(
-    figure: Figure, lift: LiftCurves, time_s: Range, angle_deg: Range, below_px: float = 0.0
-) -> Axes:
-    """Return axes with the phases of a lift; below_px: additional margin at the bottom."""
+def _lift_axes(figure: Figure, lift: Lift, shown: Range, ranges: Ranges, below_px: float = 0.0) -> Axes:
+    """Return axes with the phases of a lift in its shown range; below_px: more margin at the bottom."""
     axes = placed(figure, _LEFT_PX, _TOP_PX, _RIGHT_PX, _BOTTOM_PX + below_px)
-    axes.set(xlim=time_s, ylim=angle_deg)
+    axes.set(xlim=ranges[0], ylim=ranges[1])
     axes.set_ylabel("angle, degrees")
     axes.yaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 5, 10]))
-    start, end = shown_range(lift)
-    borders = {name: t for name, t in lift.phases_s.items() if name in ("A", "B", "C", "lower")}
+    start, end = shown
+    borders = {name: t for name, t in lift.begins_s.items() if name in ("A", "B", "C", "lower")}
     for name, begins in borders.items():
         ends = min((t for t in borders.values() if t > begins), default=end)
         if name == "lower" or ends <= start:
@@ -399,18 +406,15 @@ def _lift_axes(
     return axes
 
 
-def _plot(
-    axes: Axes, lift: LiftCurves, curves: Iterable[tuple[Angles, Colour, Range]], until_s: float = np.inf
-) -> None:
-    """Draw curves in the shown range of a lift, each with its colour and dashes."""
+def _plot(axes: Axes, curves: Iterable[tuple[Angles, Colour, Range]], range_s: Range) -> None:
+    """Draw curves in a range of time, each with its colour and dashes."""
     for curve, colour, dashes in curves:
-        shown = _shown(lift, curve, until_s)
+        shown = _shown(curve, range_s)
         axes.plot(curve.time_s[shown], curve.angle_deg[shown], color=colour.light, dashes=dashes)
 
 
-def _shown(lift: LiftCurves, curve: Angles, until_s: float) -> np.ndarray:
-    start, end = shown_range(lift)
-    return (curve.time_s >= start) & (curve.time_s <= min(until_s, end))
+def _shown(curve: Angles, range_s: Range) -> np.ndarray:
+    return (curve.time_s >= range_s[0]) & (curve.time_s <= range_s[1])
 
 
 def _draw_states(axes: Axes, tips: list[Angles], until_s: float) -> None:
@@ -430,38 +434,37 @@ def _draw_states(axes: Axes, tips: list[Angles], until_s: float) -> None:
     axes.spines["left"].set_visible(False)
 
 
-def shown_range(lift: LiftCurves) -> Range:
+def shown_range(lift: Lift) -> Range:
     """Return the time range of a lift's chart, s: from the start of A to the end of C."""
-    if lift.axes is not None:
-        return lift.axes[0]
-    if not lift.phases_s:
+    phases_s = lift.begins_s
+    if not phases_s:
         times = np.concatenate([lift.estimate.time_s, lift.truth.time_s])
         start = float(times.min()) if times.size else 0.0
         return start, max(float(times.max(initial=start)), start + _SHORTEST_S)
-    begins = lift.phases_s.get("A", lift.phases_s.get("B", 0.0) - 1.0)
+    begins = phases_s.get("A", phases_s.get("B", 0.0) - 1.0)
     curves = (lift.truth, lift.estimate, *lift.tips.values())
     ends = max(float(curve.time_s.max(initial=begins)) for curve in curves)
-    return begins, lift.phases_s.get("lower", ends) + _AFTER_S
+    return begins, phases_s.get("lower", ends) + _AFTER_S
 
 
-def angle_range(lift: LiftCurves) -> Range:
+def angle_range(lift: Lift) -> Range:
     """Return the range of the angle axis of a lift's chart, deg."""
-    if lift.axes is not None:
-        return lift.axes[1]
-    values = [c.angle_deg[_shown(lift, c, np.inf)] for c in (lift.estimate, lift.truth)]
+    range_s = shown_range(lift)
+    values = [curve.angle_deg[_shown(curve, range_s)] for curve in (lift.estimate, lift.truth)]
     values += [np.percentile(angles, _MOST_BEFORE) for _, angles in before_lift(lift)]
     low, high = limits(*values, room=0.08, least=0.1)
     missing = max(_LEAST_SPAN_DEG - (high - low), 0.0) / 2
     return low - missing, high + missing
 
 
-def before_lift(lift: LiftCurves) -> list[tuple[Floats, Floats]]:
+def before_lift(lift: Lift) -> list[tuple[Floats, Floats]]:
     """Return each fingertip's angles in phase A, s and deg; angles are fused only from the lift on."""
-    if "A" not in lift.phases_s or "B" not in lift.phases_s:
+    phases_s = lift.begins_s
+    if "A" not in phases_s or "B" not in phases_s:
         return []
     found = []
     for answered in (tip.known for tip in lift.tips.values()):
-        inside = (answered.time_s >= lift.phases_s["A"]) & (answered.time_s < lift.phases_s["B"])
+        inside = (answered.time_s >= phases_s["A"]) & (answered.time_s < phases_s["B"])
         if inside.any():
             found.append((answered.time_s[inside], answered.angle_deg[inside]))
     return found
@@ -503,19 +506,21 @@ class CurvePanel:
         return picture
 
 
-def draw_panel(lift: LiftCurves, width_px: int, height_px: int) -> CurvePanel:
+def draw_panel(lift: Lift, ranges: Ranges, width_px: int, height_px: int) -> CurvePanel:
     (whole, origin, one), (empty, *_) = (
-        _drawn(lift, width_px, height_px, until_s) for until_s in (np.inf, -np.inf)
+        _drawn(lift, ranges, width_px, height_px, until_s) for until_s in (np.inf, -np.inf)
     )
     return CurvePanel(whole, empty, origin, one - origin)
 
 
-def _drawn(lift: LiftCurves, width_px: int, height_px: int, until_s: float) -> tuple[Image, float, float]:
+def _drawn(
+    lift: Lift, ranges: Ranges, width_px: int, height_px: int, until_s: float
+) -> tuple[Image, float, float]:
     """Return the image, and the columns of the times 0 s and 1 s."""
     with drawing(height_px / _FILM_SCALE, width_px / _FILM_SCALE, arranged=False) as figure:
         figure.set_dpi(PX_PER_INCH * _FILM_SCALE)
         figure.set_facecolor(PAPER.light)
-        axes = draw_lift(figure, lift, until_s)
+        axes = draw_lift(figure, lift, ranges, until_s)
         canvas = FigureCanvasAgg(figure)
         canvas.draw()
         zero, one = axes.transData.transform([(0.0, 0.0), (1.0, 0.0)])[:, 0]

@@ -315,7 +315,7 @@ def lift_charts(comparison: Comparison) -> list[Chart]:
     """Draw both sides' curves of every lift with curves, largest difference of the mean error first."""
     charts = []
     for first, second in comparison.pairs:
-        if first.curves is None or second.curves is None:
+        if not first.angles or not second.angles:
             continue
         errors = [lift.re for lift in (first, second)]
         apart = [error.mean_deg for error in errors if error is not None]
@@ -325,8 +325,8 @@ def lift_charts(comparison: Comparison) -> list[Chart]:
             + ("no answer" if error is None else f"mean error {error.mean_deg:.2f}\u00b0")
             for name, error in zip(comparison.names, errors, strict=True)
         ]
-        chart = pair_chart(first.curves, second.curves, "; ".join(parts))
-        data = explored(first.curves, pair_panels(comparison.names, first.curves, second.curves))
+        chart = pair_chart(first, second, "; ".join(parts))
+        data = explored(first, pair_panels(comparison.names, first, second))
         charts.append((rank, replace(chart, anchor=f"lift-{len(charts) + 1}", explored=data)))
     return [chart for _, chart in sorted(charts, key=lambda entry: -entry[0])]
 

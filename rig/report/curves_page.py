@@ -26,11 +26,10 @@ from rig.report.parts import (
     mare_tile,
     table_of,
 )
-from rig.report.session import curves_of
 from rig.results.metrics import FEWEST_LIFTS, INTERVAL, Floats, Mare, mare_of, mare_text, summarize
 from rig.results.scores import AXIS_DEG, TURN_DEG, unwrapped
-from rig.sessions.records import Lift, LiftCurves, lift_of_table
-from rig.tactile.angles import Angles
+from rig.sessions.records import Lift, lift_of_table
+from rig.tactile.angles import FUSED, MARKERS, Angles
 
 COLUMNS = {
     "time": ("t_s", "time_s", "time"),
@@ -66,7 +65,7 @@ def read_tables(sources: Sequence[Path]) -> tuple[list[Lift], list[str]]:
         why = f"; {notes[0]}" if notes else ""
         needed = ", ".join(names[0] for what, names in COLUMNS.items() if what != "sigma")
         raise InputError(f"{sources[0]}: neither a session nor CSV files with columns {needed}{why}")
-    return lifts, [*notes, *(note for curves in curves_of(lifts) for note in curves.notes)]
+    return lifts, [*notes, *(note for lift in lifts for note in lift.notes)]
 
 
 def read_table(path: Path, number: int = 1) -> Lift:
@@ -90,26 +89,19 @@ def read_table(path: Path, number: int = 1) -> Lift:
     truth, notes = unwrapped(f"{path}: the true angle", truth, AXIS_DEG)
     phases, onset_s = detected_phases(truth)
     estimate, more = unwrapped(f"{path}: the estimate", estimate, TURN_DEG)
-    curves = LiftCurves(
+    lift = lift_of_table(
+        number=number,
         name=path.stem.replace("_", " "),
-        estimate=estimate,
-        truth=truth,
         phases_s=phases,
         onset_truth_s=onset_s,
         onset_estimate_s=_onset_s(estimate),
-        time_label="time since the first row, s",
-        notes=(*notes, *more),
-    )
-    return lift_of_table(
-        number=number,
-        name=curves.name,
         answered=float(np.mean(np.isfinite(estimate.angle_deg))),
-        re=summarize(curves.errors()),
         final_estimate_deg=_final_deg(estimate),
         final_truth_deg=_final_deg(truth),
-        onset_truth_s=onset_s,
-        curves=curves,
+        angles={FUSED: estimate, MARKERS: truth},
+        notes=(*notes, *more),
     )
+    return replace(lift, re=summarize(lift.errors()))
 
 
 def detected_phases(truth: Angles) -> tuple[dict[str, float], float | None]:
@@ -174,22 +166,20 @@ def _final_deg(curve: Angles) -> float | None:
 
 def curves_page(lifts: Sequence[Lift], notes: Sequence[str]) -> ReportPage:
     """Return the report of lifts from tables. notes: see `read_tables`."""
-    value, curves = mare_of(lift.re for lift in lifts), curves_of(lifts)
+    value = mare_of(lift.re for lift in lifts)
     about = "All frames with both angles: median, quartiles, whiskers from least to most."
     charts = [
-        boxes({lift.name: lift.errors() for lift in curves}, "Error per lift", about),
+        boxes({lift.name: lift.errors() for lift in lifts}, "Error per lift", about),
         finals_chart(lifts),
-        error_against("Error against angle", curves),
-        error_against("Error against rate", curves),
-        coverage_chart(curves),
+        error_against("Error against angle", lifts),
+        error_against("Error against rate", lifts),
+        coverage_chart(lifts),
     ]
     charts, table = [chart for chart in charts if chart is not None], _table(lifts, value)
-    drawn = [
-        replace(
-            lift_chart(own, _caption(lift)), anchor=anchor(lift), explored=explored(own, angle_panels(own))
-        )
-        for lift, own in zip(lifts, curves, strict=True)
-    ]
+    drawn = []
+    for lift in lifts:
+        chart, data = lift_chart(lift, _caption(lift)), explored(lift, angle_panels(lift))
+        drawn.append(replace(chart, anchor=anchor(lift), explored=data))
     page = render(
         "rig.report",
         "curves.html",
@@ -212,20 +202,20 @@ def curves_page(lifts: Sequence[Lift], notes: Sequence[str]) -> ReportPage:
 
 def _table(lifts: Sequence[Lift], value: Mare | None) -> Table:
     return table_of(
-        zip(lifts, curves_of(lifts), strict=True),
+        lifts,
         {
-            "lift": lambda of: linked(of[0].name, {of[0].name: anchor(of[0])}),
+            "lift": lambda of: linked(of.name, {of.name: anchor(of)}),
             "mean error, °": lambda of: (
-                f"{e.mean_deg:.2f} ± {e.std_deg:.2f}" if (e := of[0].re) else "no answer"
+                f"{e.mean_deg:.2f} ± {e.std_deg:.2f}" if (e := of.re) else "no answer"
             ),
-            "largest, °": lambda of: f"{of[0].re.max_deg:.1f}" if of[0].re else "",
-            "final estimate": lambda of: angle_text(of[0].final_estimate_deg),
-            "final reference": lambda of: angle_text(of[0].final_truth_deg),
+            "largest, °": lambda of: f"{of.re.max_deg:.1f}" if of.re else "",
+            "final estimate": lambda of: angle_text(of.final_estimate_deg),
+            "final reference": lambda of: angle_text(of.final_truth_deg),
             "onset after the first row, s": lambda of: (
-                "none" if of[0].onset_truth_s is None else f"{of[0].onset_truth_s:.2f}"
+                "none" if of.onset_truth_s is None else f"{of.onset_truth_s:.2f}"
             ),
-            "answered": lambda of: f"{of[0].answered:.0%}",
-            "duration, s": lambda of: f"{np.ptp(of[1].truth.time_s):.2f}",
+            "answered": lambda of: f"{of.answered:.0%}",
+            "duration, s": lambda of: f"{np.ptp(of.truth.time_s):.2f}",
         },
         ["all", mare_text(value), *[""] * 6],
         filters={1: "least"},
@@ -240,7 +230,7 @@ def _notices(lifts: Sequence[Lift], notes: Sequence[str]) -> list[Notice]:
     if silent := [lift.name for lift in lifts if lift.re is None]:
         advice = "No row has both angles: see that the columns are the right ones and in degrees."
         notices.append(Notice("bad", f"No error can be computed for {', '.join(silent)}.", advice))
-    return [*notices, *sigma_notices(curves_of(lifts))]
+    return [*notices, *sigma_notices(lifts)]
 
 
 def _caption(lift: Lift) -> str:

@@ -27,7 +27,7 @@ from rig.sessions.manifest import TrialManifest
 from rig.sessions.reading import recorded_gripper, recorded_joints
 from rig.sessions.recorder import GRIPPER_TOPIC, JOINTS_TOPIC
 from rig.sessions.recording_file import recorded_messages
-from rig.sessions.records import Lift, LiftCurves
+from rig.sessions.records import Lift
 
 FRAMES_BEFORE, FRAMES_OF_LIFT, FILM_HEIGHT_PX = 4, 20, 144
 """Number of images of a film in phase A, in which nothing turns, and from phase B on; height of an image."""
@@ -40,13 +40,13 @@ MOST_BYTES, LEAST_FILM_BYTES = 5_900_000, 6_000
 Json = dict[str, Any]
 
 
-def explored(lift: LiftCurves, panels: Sequence[Json], film: str | None = None) -> Json:
+def explored(lift: Lift, panels: Sequence[Json], film: str | None = None) -> Json:
     """Return the data of a lift for the page's program, as JSON values."""
     start, end = shown_range(lift)
     onsets = ((TRUTH, lift.onset_truth_s), (ESTIMATE, lift.onset_estimate_s))
     return {
         "range": [round(start, 3), round(end, 3)],
-        "phases": sorted(lift.phases_s.items(), key=lambda phase: phase[1]),
+        "phases": sorted(lift.begins_s.items(), key=lambda phase: phase[1]),
         "marks": [(colour.name, time_s) for colour, time_s in onsets if time_s is not None],
         "panels": panels,
         "film": film,
@@ -61,7 +61,7 @@ def _panel(
 
 
 def _series(
-    lift: LiftCurves,
+    lift: Lift,
     label: str,
     colour: Colour,
     time_s: Floats,
@@ -79,7 +79,7 @@ def _series(
     return {"label": label, "colour": colour.name, "dash": dash, "width": width_px, "table": table}
 
 
-def angle_panels(lift: LiftCurves) -> list[Json]:
+def angle_panels(lift: Lift) -> list[Json]:
     """Return panels with the angles of markers, estimate (with band) and fingertips, and with the error."""
     estimate, truth = lift.estimate, lift.truth
     half = [SIGMAS * estimate.sigma_deg] if np.isfinite(estimate.sigma_deg).any() else []
@@ -98,7 +98,7 @@ def angle_panels(lift: LiftCurves) -> list[Json]:
     return panels
 
 
-def pair_panels(names: tuple[str, str], first: LiftCurves, second: LiftCurves) -> list[Json]:
+def pair_panels(names: tuple[str, str], first: Lift, second: Lift) -> list[Json]:
     """Return panels with the angles and errors of one lift on both sides of a comparison."""
     angles = [_series(first, "markers", TRUTH, first.truth.time_s, first.truth.angle_deg, dash=(6, 4))]
     errors = []
@@ -108,15 +108,15 @@ def pair_panels(names: tuple[str, str], first: LiftCurves, second: LiftCurves) -
     return [_panel("angle, °", angles, _ANGLE_PX), _panel("error, °", errors)]
 
 
-def recorded_lift(path: Path, lift: LiftCurves, zero_ns: int, film: str | None = None) -> Json:
+def recorded_lift(path: Path, lift: Lift, film: str | None = None) -> Json:
     """Return the data of a recorded lift, with the wrench and the grip.
 
-    zero_ns: start of phase B by the recording's clock. film: placeholder for the film's data. Gaps of the
+    film: placeholder for the film's data. Gaps of the
     recording are skipped. Raises `SessionError` and other errors of `UNREADABLE`.
     """
     forces, openings = [], []
     for topic, time_ns, _, data in recorded_messages(path, JOINTS_TOPIC, GRIPPER_TOPIC, gaps=[]):
-        time_s = (time_ns - zero_ns) / NS_PER_S
+        time_s = (time_ns - lift.zero_ns) / NS_PER_S
         if topic == GRIPPER_TOPIC:
             openings.append((time_s, 1e3 * recorded_gripper(data, path).opening_m))
         elif (wrench := recorded_joints(data, path).wrench) is not None:
@@ -133,7 +133,7 @@ def recorded_lift(path: Path, lift: LiftCurves, zero_ns: int, film: str | None =
     return explored(lift, panels, film)
 
 
-def lift_film(path: Path, lift: LiftCurves, zero_ns: int, manifest: TrialManifest, most_bytes: int) -> Json:
+def lift_film(path: Path, lift: Lift, manifest: TrialManifest, most_bytes: int) -> Json:
     """Return a film as one WebP sheet, a row per picture: fingertips and camera side by side.
 
     most_bytes: largest size of the sheet. To reach it, quality and number of images are reduced, down to the
@@ -144,7 +144,7 @@ def lift_film(path: Path, lift: LiftCurves, zero_ns: int, manifest: TrialManifes
     times = np.concatenate([before, np.linspace(0.0, end, FRAMES_OF_LIFT)])
     columns = []
     for serial in manifest.serials:
-        found = pictures(path, lift, zero_ns, serial, manifest.signs.get(serial), times.tolist())
+        found = pictures(path, lift, serial, manifest.signs.get(serial), times.tolist())
         height, width = found[0][0].shape[:2]
         size = (round(width * FILM_HEIGHT_PX / height), FILM_HEIGHT_PX)
         columns.append(np.array([cv2.resize(p, size, interpolation=cv2.INTER_AREA) for p, _ in found]))
@@ -185,10 +185,8 @@ def with_films(page: str, trial: Trial) -> str:
     for mark, lift in marks.items():
         film = None
         with suppress(*UNREADABLE):  # the page has a notice about the damaged recording
-            if lift.curves is not None:
-                film = lift_film(
-                    trial.folder / lift.recording, lift.curves, lift.zero_ns, trial.manifest, most_bytes
-                )
+            if lift.angles:
+                film = lift_film(trial.folder / lift.recording, lift, trial.manifest, most_bytes)
         films[mark] = htmlsafe_json_dumps(film)
     # in one pass, so that a placeholder inside a film's data is not replaced
     pattern = "|".join(map(re.escape, films)) or "(?!)"

@@ -26,10 +26,10 @@ from rig.report.session import UNREADABLE, read_timing, read_usable
 from rig.sessions.codec import json_line
 from rig.sessions.files import MANIFEST, RESULTS, append_line, drop_torn_line, state_folder
 from rig.sessions.manifest import TrialManifest, is_session, read_manifest_of
-from rig.sessions.reading import read_curves
+from rig.sessions.reading import read_angles
 from rig.sessions.records import FIGURES, LIFTS, Lift, finished
 from rig.sessions.rows import read_usable_lifts, readable_rows
-from rig.tactile.angles import FUSED, Angles
+from rig.tactile.angles import FUSED, MARKERS, Angles
 from rig.tactile.estimators import ESTIMATORS
 
 Progress = Callable[[int, int, Lift], None]
@@ -65,10 +65,9 @@ def _stored_side(folder: Path, name: str | None, manifest: TrialManifest) -> Sid
     took = {(timing.number, timing.attempt): timing.stages["total"].p50_ms for timing in timed}
     lifts = []
     for lift in finished(rows):
-        curves = None
         with suppress(*UNREADABLE):
-            curves = read_curves(folder, lift, manifest.signs)
-        lifts.append(replace(lift, curves=curves, frame_ms=took.get((lift.number, lift.attempt))))
+            lift = read_angles(folder, lift, manifest.signs)
+        lifts.append(replace(lift, frame_ms=took.get((lift.number, lift.attempt))))
     if not lifts:
         raise SessionError(f"{folder}: no finished lift to compare; run the trial with --resume first")
     notes = tuple(notice.what for notice in problems)
@@ -90,11 +89,11 @@ def estimator_side(folder: Path, estimator: str, jobs: int, progress: Progress) 
     if not found:
         raise SessionError(problems[0])
     kept = (f"{counted(before, 'lift')} replayed with {estimator} before",) if before else ()
-    curves = {(lift.number, lift.attempt): lift.curves for lift in stored.lifts}
+    truths = {(lift.number, lift.attempt): lift.truth for lift in stored.lifts if lift.angles}
     lifts = []
     for row, angles in found:
-        own = curves.get((row.number, row.attempt))
-        lifts.append(replace(row, curves=own and replace(own, estimate=angles, tips={})))
+        truth = truths.get((row.number, row.attempt))
+        lifts.append(row if truth is None else replace(row, angles={FUSED: angles, MARKERS: truth}))
     amiss = (f"{row.object}/{row.lift}: {row.estimator_faults}" for row in lifts if row.estimator_faults)
     notes = (*stored.notes, *problems, *kept, *amiss)
     return Side(estimator, lifts, stored.simulated, f"{wanted.name}, window {wanted.window}", notes)

@@ -13,7 +13,7 @@ from protocols.reaction import ReactionKind
 from rig.pages.page import render
 from rig.report import charts
 from rig.report.advice import calibration_table, trial_notices
-from rig.report.charts import key, lift_chart, on_one_scale
+from rig.report.charts import common_ranges, key, lift_chart
 from rig.report.explored import angle_panels, explored, film_mark, recorded_lift, with_films
 from rig.report.parts import (
     Chart,
@@ -27,11 +27,12 @@ from rig.report.parts import (
     mare_tile,
     table_of,
 )
-from rig.report.session import UNREADABLE, Trial, curves_of
+from rig.report.session import UNREADABLE, Trial, with_angles
 from rig.report.strips import Still, strip
 from rig.results.metrics import FEWEST_LIFTS, INTERVAL, Floats, mare_of, mare_text, summarize
 from rig.results.summary import TrialSummary, summarize_trial
-from rig.sessions.records import SHOWN, Lift, LiftCurves, LiftOutcome, LiftTiming, StageTimes, totals
+from rig.sessions.records import SHOWN, Lift, LiftOutcome, LiftTiming, StageTimes, totals
+from rig.tactile.angles import FUSED
 
 WORST_LIFTS = 3
 MOST_PAIRS = 3
@@ -44,19 +45,17 @@ def trial_page(trial: Trial, other: Trial | None = None, now: datetime | None = 
     """
     now = now or datetime.now(UTC)
     summary = summarize_trial(trial.rows)
-    anchors = {lift.title: anchor(lift) for lift in trial.lifts if lift.curves is not None}
+    anchors = {lift.title: anchor(lift) for lift in with_angles(trial.lifts)}
     figures = _charts(trial)
     lifts = []
-    for lift in steps(trial.lifts):
-        if (curves := lift.curves) is None:
-            continue
-        data = explored(curves, angle_panels(curves))
+    for lift in steps(with_angles(trial.lifts)):
+        data = explored(lift, angle_panels(lift))
         with suppress(*UNREADABLE):  # the page has a notice about the damaged recording
-            data = recorded_lift(trial.folder / lift.recording, curves, lift.zero_ns, film_mark(lift))
-        chart = lift_chart(curves, lift_caption(lift))
+            data = recorded_lift(trial.folder / lift.recording, lift, film_mark(lift))
+        chart = lift_chart(lift, lift_caption(lift))
         lifts.append(replace(chart, anchor=anchor(lift), explored=data))
     objects = object_table(summary) if summary.objects else None
-    known = [(lift.re.mean_deg, lift, lift.curves) for lift in trial.lifts if lift.re and lift.curves]
+    known = [(lift.re.mean_deg, lift) for lift in with_angles(trial.lifts) if lift.re]
     worst = sorted(known, key=lambda entry: -entry[0])[:WORST_LIFTS]
     page = render(
         "rig.report",
@@ -73,7 +72,7 @@ def trial_page(trial: Trial, other: Trial | None = None, now: datetime | None = 
         fingertips=fingertip_table(trial.lifts) if lifts else None,
         reacted=None if other is None else beside(trial, other),
         charts=figures,
-        worst=[_with_strips(trial, lift, curves) for _, lift, curves in worst],
+        worst=[_with_strips(trial, lift) for _, lift in worst],
         lifts=lifts,
         lift_table=lift_table(trial.lifts),
         key=key(),
@@ -120,14 +119,14 @@ def _tiles(trial: Trial, summary: TrialSummary) -> list[tuple[str, str]]:
         mare_tile(summary.mare_held, "MARE if refused frames keep the last angle"),
         (f"{summary.answered:.1%}", "of the frames answered"),
     ]
-    ratios = charts.sigma_ratios(curves_of(trial.lifts))
+    ratios = charts.sigma_ratios(with_angles(trial.lifts))
     if ratios.size:
         tiles.append((f"{np.mean(ratios <= 2.0):.1%}", "of the errors within 2 sigma; 95 % should be"))
     return tiles
 
 
 def _charts(trial: Trial) -> list[Chart]:
-    lifts = curves_of(trial.lifts)
+    lifts = with_angles(trial.lifts)
     if not lifts:
         return []
     delays, onset_chart = onset_delays_ms(trial.lifts), None
@@ -150,10 +149,13 @@ def _charts(trial: Trial) -> list[Chart]:
 
 def fingertip_table(lifts: Sequence[Lift]) -> Table:
     """Return a table with the MARE of the fused angle and of each fingertip, from the recorded curves."""
-    curves = curves_of(lifts)
-    sources = {"both, fused": curves}
-    for serial in dict.fromkeys(serial for lift in curves for serial in lift.tips):
-        sources[serial] = [replace(c, estimate=c.tips[serial]) for c in curves if serial in c.tips]
+    lifts = with_angles(lifts)
+    sources = {"both, fused": lifts}
+    for serial in dict.fromkeys(serial for lift in lifts for serial in lift.tips):
+        tips = ((lift, lift.tips.get(serial)) for lift in lifts)
+        sources[serial] = [
+            replace(of, angles={**(of.angles or {}), FUSED: tip}) for of, tip in tips if tip is not None
+        ]
     rows = []
     for name, own in sources.items():
         mares = (mare_text(mare_of(summarize(c.errors(*phases)) for c in own)) for phases in ("B", "BC"))
@@ -163,16 +165,16 @@ def fingertip_table(lifts: Sequence[Lift]) -> Table:
     return Table(("angle of", "MARE in B, °", "MARE in B and C, °", "answered"), rows)
 
 
-def _with_strips(trial: Trial, lift: Lift, curves: LiftCurves) -> dict[str, object]:
+def _with_strips(trial: Trial, lift: Lift) -> dict[str, object]:
     strips, problem = dict[str, list[Still]](), None
     path, signs = trial.folder / lift.recording, trial.manifest.signs
     for serial in trial.manifest.serials:
         name = serial if serial in signs else f"camera {serial}, marker angle"
         try:
-            strips[name] = strip(path, curves, lift.zero_ns, serial, signs.get(serial))
+            strips[name] = strip(path, lift, serial, signs.get(serial))
         except UNREADABLE as error:
             problem = Notice("bad", f"The frames of {serial} cannot be shown.", str(error))
-    chart = lift_chart(curves, lift_caption(lift))
+    chart = lift_chart(lift, lift_caption(lift))
     return {"chart": chart, "strips": strips, "problem": problem, "anchor": anchor(lift)}
 
 
@@ -181,7 +183,7 @@ def lift_table(lifts: Sequence[Lift]) -> Table:
     return table_of(
         lifts,
         {
-            "lift": lambda lift: linked(lift.title, {lift.title: anchor(lift)} if lift.curves else {}),
+            "lift": lambda lift: linked(lift.title, {lift.title: anchor(lift)} if lift.angles else {}),
             "object": lambda lift: lift.label,
             **{column.heading: column.text for column in SHOWN},
         },
@@ -327,10 +329,9 @@ def _pairs(both: Sequence[tuple[Lift, Lift]]) -> list[list[Chart]]:
     caught.sort(key=lambda pair: abs(pair[1].final_truth_deg or 0.0) - abs(pair[0].final_truth_deg or 0.0))
     drawn = []
     for pair in caught:
-        curves = curves_of(pair)
-        if len(curves) == len(pair) and len(drawn) < MOST_PAIRS:
-            scaled = zip(on_one_scale(curves), pair, strict=True)
-            drawn.append([lift_chart(own, _reaction_caption(lift)) for own, lift in scaled])
+        if len(with_angles(pair)) == len(pair) and len(drawn) < MOST_PAIRS:
+            ranges = common_ranges(pair)
+            drawn.append([lift_chart(lift, _reaction_caption(lift), ranges) for lift in pair])
     return drawn
 
 

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from operator import itemgetter
 from pathlib import Path
 from types import MappingProxyType
@@ -30,7 +30,7 @@ from rig.sessions.recorder import (
     image_topic,
 )
 from rig.sessions.recording_file import Gaps, PhaseTimes, recorded_messages
-from rig.sessions.records import Lift, LiftCurves
+from rig.sessions.records import Lift
 from rig.tactile.angles import FUSED, MARKERS, Angles
 
 Value = TypeVar("Value")
@@ -224,25 +224,17 @@ def _series(source: str, messages: list[tuple[int, RecordedAngle]], zero_s: floa
     )
 
 
-def read_curves(folder: Path, lift: Lift, serials: Iterable[str], gaps: Gaps | None = None) -> LiftCurves:
-    """Read the angles of a lift over time from its recording.
+def read_angles(folder: Path, lift: Lift, serials: Iterable[str], gaps: Gaps | None = None) -> Lift:
+    """Return a lift with the angles of its recording.
 
     folder: the session. serials: of the fingertips. gaps: see `recorded_messages`. Raises `SessionError`, and
     other errors for a damaged recording.
     """
-    path, zero_s, serials = folder / lift.recording, lift.phases_s[Phase.LIFT], tuple(serials)
+    path, zero_s = folder / lift.recording, lift.phases_s[Phase.LIFT]
     angles = recorded_angles(path, FUSED, MARKERS, *serials, zero_s=zero_s, gaps=gaps)
     if not len(angles[FUSED]) or not len(angles[MARKERS]):
         raise SessionError(f"{path}: the recording is damaged: it holds no angles")
-    return LiftCurves(
-        name=lift.title,
-        estimate=angles[FUSED],
-        truth=angles[MARKERS],
-        phases_s={phase: time_s - zero_s for phase, time_s in lift.phases_s.items()},
-        onset_truth_s=lift.onset_truth_s,
-        onset_estimate_s=lift.onset_estimate_s,
-        tips={serial: angles[serial] for serial in serials},
-    )
+    return replace(lift, angles=angles)
 
 
 def recorded_pose(data: bytes, path: Path) -> Pose:

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import AfterValidator, Field
 from pydantic_core import CoreSchema
-from pydantic_core.core_schema import none_schema
+from pydantic_core.core_schema import none_schema, plain_serializer_function_ser_schema
 
 from drivers.clock import NS_PER_S
 from drivers.errors import counted
@@ -27,7 +27,7 @@ from protocols.observer import Phase
 from protocols.reaction import ReactionKind
 from rig.config.fields import FileName, InnerPath
 from rig.sessions.codec import Codec, strict
-from rig.tactile.angles import Angles, Floats
+from rig.tactile.angles import FUSED, MARKERS, Angles, Floats
 from rig.tactile.sample import EstimatorFaults
 
 
@@ -152,48 +152,7 @@ class ReactionRecord:
     rest_turn_deg: float | None
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class LiftCurves:
-    """All curves of one lift; times in s from the start of phase B (in a table: as given), angles in deg.
-
-    estimate: the fused angle. truth: the marker angle. tips: the angle of each fingertip, by serial.
-    phases_s: start times of phases, "A", "B", "C" and "lower" among them; empty if unknown. onset_truth_s,
-    onset_estimate_s: None without a slip. notes: damaged parts of the recording, which are left out, or
-    wrapped angles of a table. axes: ranges of the chart's axes, s and deg, see
-    `rig.report.charts.on_one_scale`; None: from the curves.
-    """
-
-    name: str
-    estimate: Angles
-    truth: Angles
-    phases_s: dict[str, float] = field(default_factory=dict)
-    onset_truth_s: float | None = None
-    onset_estimate_s: float | None = None
-    tips: dict[str, Angles] = field(default_factory=dict)
-    time_label: str = "time from the start of the lift, s"
-    notes: tuple[str, ...] = ()
-    axes: tuple[tuple[float, float], tuple[float, float]] | None = None
-
-    @property
-    def error_deg(self) -> Floats:
-        """Estimate minus truth at each frame of the estimate, (N,) deg; NaN if either is missing."""
-        return self.estimate.angle_deg - self.truth.at(self.estimate.time_s)
-
-    def errors(self, *phases: str) -> Floats:
-        """Return the known absolute errors in some phases, by default in all frames, (M,) deg."""
-        errors = np.abs(self.error_deg[self.within(*phases)] if phases else self.error_deg)
-        return errors[np.isfinite(errors)]
-
-    def within(self, *phases: str) -> NDArray[np.bool_]:
-        """Return which frames of the estimate, (N,) bool, are in these phases; all if phases are unknown."""
-        times = self.estimate.time_s
-        inside = np.zeros(times.shape, bool)
-        for phase in phases:
-            if phase in self.phases_s:
-                begins = self.phases_s[phase]
-                ends = min((t for t in self.phases_s.values() if t > begins), default=np.inf)
-                inside |= (times >= begins) & (times < ends)
-        return inside if self.phases_s else np.ones(times.shape, bool)
+NO_ANGLES = Angles(np.empty(0), np.empty(0))
 
 
 IN_RESULTS, IN_CSV, IF_REACTING = "results", "always", "reacting"
@@ -271,7 +230,7 @@ class _NotStored:
     """Marks a field of a record that a line never has."""
 
     def __get_pydantic_core_schema__(self, source: object, handler: object) -> CoreSchema:
-        return none_schema()
+        return none_schema(serialization=plain_serializer_function_ser_schema(lambda value: None))
 
 
 @strict
@@ -367,8 +326,10 @@ class Lift:
         "speed of the time stamps of sources divided by that of the clock, by name; only warnings",
         default=None,
     )
-    curves: Annotated[LiftCurves | None, _NotStored()] = field(default=None, compare=False)
-    """The angles over time, once `rig.sessions.reading.read_curves` has read them from the recording."""
+    angles: Annotated[dict[str, Angles] | None, _NotStored()] = field(default=None, compare=False)
+    """The angles over time by source, once `rig.sessions.reading.read_angles` or a table has given them."""
+    notes: Annotated[tuple[str, ...], _NotStored()] = field(default=(), compare=False)
+    """Damaged parts of the recording, which the angles leave out, or wrapped angles of a table."""
     frame_ms: Annotated[float | None, _NotStored()] = field(default=None, compare=False)
     """Median wall time per tactile frame with contact, if read from the session's timing."""
 
@@ -376,6 +337,45 @@ class Lift:
     def zero_ns(self) -> int:
         """Start of phase B by the recording's clock."""
         return round(self.phases_s[Phase.LIFT] * NS_PER_S)
+
+    @property
+    def estimate(self) -> Angles:
+        """The fused angle over time; without angles it is empty, as the others are."""
+        return (self.angles or {}).get(FUSED, NO_ANGLES)
+
+    @property
+    def truth(self) -> Angles:
+        """The marker angle over time."""
+        return (self.angles or {}).get(MARKERS, NO_ANGLES)
+
+    @property
+    def tips(self) -> dict[str, Angles]:
+        """The angle of each fingertip over time, by serial."""
+        return {name: of for name, of in (self.angles or {}).items() if name not in (FUSED, MARKERS)}
+
+    @property
+    def begins_s(self) -> dict[str, float]:
+        """Start of each phase at the time axis of the angles, s; empty if unknown."""
+        return {name: t - self.estimate.zero_ns / NS_PER_S for name, t in self.phases_s.items()}
+
+    @property
+    def error_deg(self) -> Floats:
+        """Estimate minus truth at each frame of the estimate, (N,) deg; NaN if either is missing."""
+        return self.estimate.angle_deg - self.truth.at(self.estimate.time_s)
+
+    def errors(self, *phases: str) -> Floats:
+        """Return the known absolute errors in some phases, by default in all frames, (M,) deg."""
+        errors = np.abs(self.error_deg[self.within(*phases)] if phases else self.error_deg)
+        return errors[np.isfinite(errors)]
+
+    def within(self, *phases: str) -> NDArray[np.bool_]:
+        """Return which frames of the estimate, (N,) bool, are in these phases; all if phases are unknown."""
+        times, begins_s = self.estimate.time_s, self.begins_s
+        inside = np.full(times.shape, not begins_s)
+        for begins in (begins_s[phase] for phase in phases if phase in begins_s):
+            ends = min((t for t in begins_s.values() if t > begins), default=np.inf)
+            inside |= (times >= begins) & (times < ends)
+        return inside
 
     @property
     def label(self) -> str:

@@ -15,6 +15,7 @@ from rig.report.session import Trial, read_trial
 from rig.report.trial_page import onset_table
 from rig.sessions.manifest import TrialManifest, read_manifest_of
 from rig.sessions.records import Lift, LiftOutcome, LiftTiming, ReactionRecord, StageTimes
+from rig.tactile.angles import FUSED, MARKERS
 
 TURNS_DEG = (12.0, -20.0, 9.0, 15.0, -11.0)
 NOW = datetime(2026, 11, 21, 12, 0, tzinfo=UTC)
@@ -45,17 +46,17 @@ def estimates_with_sigma(trial: Trial, *divided_by: float) -> Trial:
     divisors = [*divided_by, *[divided_by[-1]] * len(trial.lifts)]
     lifts = []
     for lift, by in zip(trial.lifts, divisors, strict=False):
-        estimate = replace(lift.curves.estimate, sigma_deg=lift.curves.estimate.sigma_deg / by)
-        lifts.append(replace(lift, curves=replace(lift.curves, estimate=estimate)))
+        estimate = replace(lift.estimate, sigma_deg=lift.estimate.sigma_deg / by)
+        lifts.append(replace(lift, angles={**lift.angles, FUSED: estimate}))
     return replace(trial, lifts=lifts)
 
 
 def markers_hidden(trial: Trial) -> Trial:
     lifts = []
     for lift in trial.lifts:
-        truth = lift.curves.truth
+        truth = lift.truth
         seen = truth.picked((truth.time_s < 0.5) | (truth.time_s > 1.2))
-        lifts.append(replace(lift, curves=replace(lift.curves, truth=seen)))
+        lifts.append(replace(lift, angles={**lift.angles, MARKERS: seen}))
     return replace(trial, lifts=lifts)
 
 

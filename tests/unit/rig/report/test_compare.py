@@ -140,7 +140,7 @@ def test_lift_with_the_largest_difference_is_shown_first(drawn_trial: Any, tmp_p
 def test_lift_without_a_readable_recording_has_no_curves(drawn_trial: Any, tmp_path: Path) -> None:
     folder = drawn_trial(tmp_path / "trial", (12.0, -20.0))
     next((folder / "lifts").glob("*.mcap")).write_bytes(b"damaged")
-    assert [lift.curves is None for lift in session_side(folder).lifts].count(True) == 1
+    assert [lift.angles is None for lift in session_side(folder).lifts].count(True) == 1
 
 
 def test_lifts_with_different_reactions_are_not_compared_by_their_error() -> None:

@@ -43,7 +43,7 @@ def test_ten_real_lifts_have_the_published_errors(real_data: Path, tmp_path: Pat
         assert lift.re.mean_deg == pytest.approx(float(row["mean_abs_diff_deg"]), abs=0.006)
         # read off by eye there, means of the last 0.3 s here
         assert lift.final_truth_deg == pytest.approx(float(row["aruco_final_deg"]), abs=1.0)
-        assert lift.curves.onset_truth_s is not None
+        assert lift.onset_truth_s is not None
     page = write_report([folder], tmp_path / "old.html").path.read_text()
     assert page.count("<svg") == 10 + 4
     assert "23.09 ± 16.03" in page
@@ -52,8 +52,8 @@ def test_ten_real_lifts_have_the_published_errors(real_data: Path, tmp_path: Pat
 def test_phases_are_found_from_the_reference_and_times_count_from_the_first_row(tmp_path: Path) -> None:
     path = ramp(tmp_path / "lift.csv")
     lift = read_table(path)
-    assert lift.curves.phases_s["B"] == pytest.approx(1.05, abs=0.02)
-    assert lift.curves.phases_s["C"] == pytest.approx(1.95, abs=0.03)
+    assert lift.begins_s["B"] == pytest.approx(1.05, abs=0.02)
+    assert lift.begins_s["C"] == pytest.approx(1.95, abs=0.03)
     assert lift.re.mean_deg == pytest.approx(1.0, abs=1e-6)
     lines = path.read_text().splitlines()
     later = [f"{float(t) + 946684809.0:.3f},{rest}" for t, rest in (line.split(",", 1) for line in lines[1:])]
@@ -63,8 +63,8 @@ def test_phases_are_found_from_the_reference_and_times_count_from_the_first_row(
 
 def test_held_lift_has_no_phases_and_counts_as_a_whole(tmp_path: Path) -> None:
     lift = read_table(table(tmp_path / "held.csv", HEAD, [f"{0.1 * i:.1f},0.2,0.0" for i in range(30)]))
-    assert lift.curves.phases_s == {}
-    assert lift.curves.within("B").all()
+    assert lift.begins_s == {}
+    assert lift.within("B").all()
     assert lift.re.mean_deg == pytest.approx(0.2)
 
 
@@ -77,7 +77,7 @@ def test_column_names_separators_and_refusals_of_other_tools_are_read(tmp_path: 
         assert read_table(ramp(tmp_path / "lift.csv", head=head, comma=comma)).re is not None
     rows = ["# a comment", "0.0,,0.0", "0.1,nan,0.0", "0.2,2.0,0.0", "0.3,2.0,", "0.4"]
     lift = read_table(table(tmp_path / "lift.csv", HEAD, rows))
-    assert np.isnan(lift.curves.estimate.angle_deg).sum() == 3
+    assert np.isnan(lift.estimate.angle_deg).sum() == 3
     assert lift.re.frames == 1
 
 
@@ -106,7 +106,7 @@ def test_table_without_any_estimate_is_reported_as_such(tmp_path: Path) -> None:
     path = table(tmp_path / "silent.csv", HEAD, rows)
     page = write_report([path], tmp_path / "page.html").path.read_text()
     assert "No error can be computed for silent" in page
-    assert not math.isnan(read_table(path).curves.truth.angle_deg[0])
+    assert not math.isnan(read_table(path).truth.angle_deg[0])
 
 
 def test_a_lift_whose_sigma_does_not_cover_its_errors_is_named(tmp_path: Path) -> None:
@@ -136,7 +136,7 @@ def test_wrapped_truth_gives_the_errors_of_the_plain_one(
     columns = zip(TIMES_S, estimate, seen, strict=True)
     lift = read_table(table(tmp_path / "x.csv", HEAD, [f"{t:.4f},{e:.4f},{g:.4f}" for t, e, g in columns]))
     assert lift.re.mean_deg == pytest.approx(0.3, abs=1e-3)
-    assert "the true angle is wrapped: 1 step of more than 90 degrees" in lift.curves.notes[0]
+    assert "the true angle is wrapped: 1 step of more than 90 degrees" in lift.notes[0]
     score = rig.score(rig.Angles(TIMES_S, estimate + offset), rig.Angles(TIMES_S, seen + offset))
     assert score.mean_deg == pytest.approx(0.3, abs=1e-6)
     assert "the true angle is wrapped" in caplog.text

@@ -23,7 +23,7 @@ from rig.report.write import write_report
 from rig.results.summary import summarize_trial
 from rig.sessions.manifest import RecordManifest, TrialManifest, read_manifest_of
 from rig.sessions.rows import read_finished_lifts
-from rig.tactile.angles import Angles
+from rig.tactile.angles import FUSED, Angles
 
 UPLOT_SHA256 = "19c8d4c6ad88929a79f4ae49d6f7161566dfd0ba3d15cc495e974f787eb78f1f"
 """Of dist/uPlot.iife.min.js in uplot-1.6.32.tgz of the npm registry."""
@@ -91,12 +91,12 @@ def test_a_trial_s_page_has_its_figures_and_figures_have_names_of_their_own(page
 
 
 def test_lifts_are_shown_from_the_beginning_of_phase_a(trial: Path) -> None:
-    curves = read(trial).lifts[0].curves
-    assert curves is not None
+    lift = read(trial).lifts[0]
     times = np.arange(-3.0, 0.0, 0.1)
     tip = Angles(times, np.full(times.size, 0.5), np.full(times.size, 0.1), ("tracking",) * times.size)
-    early = replace(curves, phases_s={**curves.phases_s, "A": -2.95}, tips={"T1": tip})
-    assert shown_range(early)[0] == -2.95
+    begins_s = {**lift.phases_s, "A": lift.phases_s["B"] - 2.95}
+    early = replace(lift, phases_s=begins_s, angles={**lift.angles, "T1": tip})
+    assert shown_range(early)[0] == pytest.approx(-2.95)
     ((shown_s, angles_deg),) = before_lift(early)
     assert shown_s.min() > -2.95
     assert set(angles_deg) == {0.5}
@@ -168,14 +168,14 @@ def test_each_column_of_the_paper_s_table_stands_under_its_heading(trial: Path) 
 def test_fingertip_table_agrees_with_the_recorded_curves(trial: Path) -> None:
     lifts = read(trial).lifts
     for lift in lifts:
-        assert lift.curves.errors("B", "C").mean() == pytest.approx(lift.re.mean_deg, abs=0.01)
+        assert lift.errors("B", "C").mean() == pytest.approx(lift.re.mean_deg, abs=0.01)
     table = fingertip_table(lifts)
-    assert [row[0] for row in table.rows] == ["both, fused", *lifts[0].curves.tips]
+    assert [row[0] for row in table.rows] == ["both, fused", *lifts[0].tips]
     fused = np.mean([lift.re.mean_deg for lift in lifts])
     assert table.rows[0][2].startswith(f"{fused:.2f} ±")
-    for serial, row in zip(lifts[0].curves.tips, table.rows[1:], strict=True):
-        own = [replace(lift.curves, estimate=lift.curves.tips[serial]) for lift in lifts]
-        means = [curves.errors("B").mean() for curves in own]
+    for serial, row in zip(lifts[0].tips, table.rows[1:], strict=True):
+        own = [replace(lift, angles={**lift.angles, FUSED: lift.tips[serial]}) for lift in lifts]
+        means = [lift.errors("B").mean() for lift in own]
         assert row[1].startswith(f"{np.mean(means):.2f} ±")
 
 

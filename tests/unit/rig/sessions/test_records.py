@@ -81,7 +81,7 @@ def test_optional_keys_are_absent_at_their_default(lift_row: MakeRow) -> None:
             "'final_estimate_deg' is a key that",
         ),
         (lambda row: row.update(accepted=1), "'accepted' Input should be a valid boolean, found 1"),
-        (lambda row: row.update(curves={}), "'curves' Input should be null"),
+        (lambda row: row.update(angles={}), "'angles' Input should be null"),
     ],
 )
 def test_invalid_row_is_reported_with_file_line_and_key(

@@ -69,7 +69,7 @@ def export_parquet(request: ExportRequest) -> Exported:
 def _export(request: ExportRequest, suffix: str, written: Callable[[Columns, list[Line]], bytes]) -> Exported:
     manifest, session = request.manifest, request.session.name
     if isinstance(manifest, TrialManifest):
-        tables = _trial_tables(request, manifest)
+        tables: Tables = _trial_tables(request, manifest)
     else:
         poses = [{"session": session, **vars(pose), "images": len(pose.images)} for pose in request.poses]
         images = [{"session": session, **line} for line in image_lines(request.accepted_poses)]

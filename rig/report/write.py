@@ -77,11 +77,12 @@ def _session_page(folder: Path) -> tuple[ReportPage, tuple[str, ...]]:
         return ReportPage(_broken_page(folder, error)), (str(error),)
 
 
-def _trial_page(*trials: Trial) -> tuple[ReportPage, tuple[str, ...]]:
-    """Return the page of a trial, beside another one if two are given. Raises `InputError`."""
+def _trial_page(trial: Trial, *others: Trial) -> tuple[ReportPage, tuple[str, ...]]:
+    """Return the page of a trial, beside another one if it is given. Raises `InputError`."""
     from rig.report.trial_page import trial_page
 
-    return trial_page(*trials), tuple(notice.what for trial in trials for notice in trial.problems)
+    page = trial_page(trial, next(iter(others), None))
+    return page, tuple(notice.what for of in (trial, *others) for notice in of.problems)
 
 
 def _broken_page(folder: Path, error: BaseException) -> str:

@@ -6,7 +6,7 @@ the others continue.
 """
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
@@ -26,7 +26,7 @@ from rig.sessions.records import Lift, ReplayTiming
 from rig.sessions.rows import read_usable_lifts
 from rig.sessions.session import open_session
 from rig.sessions.table_files import Line, csv_bytes, has_parquet, parquet_bytes
-from rig.tactile.angles import FUSED, Angles
+from rig.tactile.angles import FUSED
 from rig.tactile.estimators import choose_estimator
 
 Key = tuple[str, int | None, int | None]
@@ -61,11 +61,10 @@ def run_replay(
     usable = read_usable_lifts(folder)
     stored, problems = {row.number: row for row in usable.lifts}, list(usable.problems)
     rows: dict[int, Lift] = {}
-    for _, (again, problem) in run_tasks(partial(replay_lift, folder, settings), list(stored.values()), jobs):
+    for _, (row, problem) in run_tasks(partial(replay_lift, folder, settings), list(stored.values()), jobs):
         if problem is not None:
             problems.append(problem)
-        if again is not None:
-            row, _ = again
+        if row is not None:
             rows[row.number] = row
             progress(len(rows), len(stored), row)
     if not rows:
@@ -77,12 +76,12 @@ def run_replay(
 
 def replay_lift(
     folder: Path, settings: TrialSettings, row: Lift, around_gaps: bool = True
-) -> tuple[tuple[Lift, Angles] | None, str | None]:
+) -> tuple[Lift | None, str | None]:
     """Replay one recorded lift.
 
-    Returns its row with the measured part computed again and its fused angles, None if its recording cannot
-    be read, and the unreadable part of the recording, if any. around_gaps: use the rest of a recording that
-    is damaged in part.
+    Returns its row with the measured part computed again and with its fused angles, None if its recording
+    cannot be read, and the unreadable part of the recording, if any. around_gaps: use the rest of a recording
+    that is damaged in part.
     """
     gaps, path = Gaps() if around_gaps else None, folder / row.recording
     compute_in_one_thread()
@@ -90,10 +89,11 @@ def replay_lift(
     known_ns = {name: round(time_s * NS_PER_S) for name, time_s in row.phases_s.items()}
     try:
         show_again(path, measurement, known_ns, gaps)
-        again, angles = lift_result(measurement, row)
+        again = lift_result(measurement, row)
     except RigError as error:
         return None, gaps_text(path, gaps, error) if gaps else str(error)
-    return (again, angles[FUSED]), gaps_text(path, gaps) if gaps else None
+    fused = replace(again, angles={FUSED: again.estimate})
+    return fused, gaps_text(path, gaps) if gaps else None
 
 
 @dataclass(frozen=True, slots=True)
@@ -198,10 +198,9 @@ def replay_task(task: ReplayTask) -> Line:
     """Replay one lift; return its row of the table, with the problem if it cannot be read completely."""
     trial, choice = task.trial, task.trial.settings.estimator
     about = session_cells(str(trial.folder), trial.manifest, choice.name, choice.window)
-    again, problem = replay_lift(trial.folder, trial.settings, task.row)
-    if again is None:
+    row, problem = replay_lift(trial.folder, trial.settings, task.row)
+    if row is None:
         return unread_row(about, task.row, problem or "")
-    row, _ = again
     return table_row(about, row, row == task.row if trial.own_estimator else None, problem)
 
 

@@ -151,12 +151,12 @@ FINAL_S = 0.3
 """Length of the interval at the end over which final angles are averaged, s."""
 
 
-def lift_result(measurement: LiftMeasurement, lift: Lift) -> tuple[Lift, dict[str, Angles]]:
+def lift_result(measurement: LiftMeasurement, lift: Lift) -> Lift:
     """Evaluate a lift that reached its end: errors, angles, onset, counts (contract, metrics).
 
-    Returns the lift with its figures, and the angles by source: of each fingertip, fused, of the markers. If
-    the object falls, the figures and the true angle end at the fall, because after it the camera sees an
-    object that lies somewhere.
+    Returns the lift with its figures and its angles: of each fingertip, fused, of the markers. If the object
+    falls, the figures and the true angle end at the fall, because after it the camera sees an object that
+    lies somewhere.
     """
     lift_ns, hold_ns = measurement.phases[Phase.LIFT], measurement.phases[Phase.HOLD]
     end_ns = measurement.phases[Phase.LOWER]
@@ -180,8 +180,9 @@ def lift_result(measurement: LiftMeasurement, lift: Lift) -> tuple[Lift, dict[st
     watch = measurement.watch
     reactions = None if watch is None else reaction_records(watch, since_zero, lift_ns)
     final_truth = _final(truth, held_ns)
-    evaluated = replace(
+    return replace(
         lift,
+        angles={**tips, FUSED: whole, MARKERS: truth},
         accepted=True,
         fault=None,
         outcome=_outcome(measurement, onset, fall_ns, reactions or (), final_truth),
@@ -209,7 +210,6 @@ def lift_result(measurement: LiftMeasurement, lift: Lift) -> tuple[Lift, dict[st
         slip_thresholds=watch and {s: SlipThreshold(*values) for s, values in watch.thresholds().items()},
         estimator_faults=faults_of(samples),
     )
-    return evaluated, {**tips, FUSED: whole, MARKERS: truth}
 
 
 def _states(samples: Sequence[SlipSample]) -> dict[str, int]:

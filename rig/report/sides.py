@@ -91,9 +91,10 @@ def estimator_side(folder: Path, estimator: str, jobs: int, progress: Progress) 
     kept = (f"{counted(before, 'lift')} replayed with {estimator} before",) if before else ()
     truths = {(lift.number, lift.attempt): lift.truth for lift in stored.lifts if lift.angles}
     lifts = []
-    for row, angles in found:
+    for row in found:
         truth = truths.get((row.number, row.attempt))
-        lifts.append(row if truth is None else replace(row, angles={FUSED: angles, MARKERS: truth}))
+        angles = None if truth is None else {FUSED: row.estimate, MARKERS: truth}
+        lifts.append(replace(row, angles=angles))
     amiss = (f"{row.object}/{row.lift}: {row.estimator_faults}" for row in lifts if row.estimator_faults)
     notes = (*stored.notes, *problems, *kept, *amiss)
     return Side(estimator, lifts, stored.simulated, f"{wanted.name}, window {wanted.window}", notes)
@@ -101,26 +102,25 @@ def estimator_side(folder: Path, estimator: str, jobs: int, progress: Progress) 
 
 SOURCES = ("rig/tactile", "rig/lift", "rig/models", "rig/sessions", "calibration", "drivers")
 """Folders and files of the code that a replay's results depend on."""
-Replayed = tuple[Lift, Angles]
-"""A lift's row, and its fused angles."""
 
 
 def replayed(
     folder: Path, settings: TrialSettings, jobs: int, progress: Progress
-) -> tuple[list[Replayed], tuple[str, ...], int]:
+) -> tuple[list[Lift], tuple[str, ...], int]:
     """Replay the lifts of a session.
 
-    Returns them, messages about unreadable ones, and the number found in the cache. Raises `SessionError` for
-    a damaged session.
+    Returns them with their fused angles, messages about unreadable ones, and the number found in the cache.
+    Raises `SessionError` for a damaged session.
     """
     usable = read_usable_lifts(folder)
     file = None if settings.estimator.foreign else _file(folder, settings)
     kept = _kept(file) if file else {}
-    found: dict[int, Replayed] = {}
+    found: dict[int, Lift] = {}
     for row in usable.lifts:
         before = kept.get((row.number, row.attempt))
         if file and before and (angles := _kept_angles(file, row)) is not None:
-            found[row.number] = replace(row, **{name: getattr(before, name) for name in FIGURES}), angles
+            figures = {name: getattr(before, name) for name in FIGURES}
+            found[row.number] = replace(row, **figures, angles={FUSED: angles})
     count, problems = len(found), list(usable.problems)
     left = [row for row in usable.lifts if row.number not in found]
     work = partial(replay_lift, folder, settings, around_gaps=False)
@@ -128,15 +128,15 @@ def replayed(
         if again is None:
             problems.append(problem or "")
             continue
-        found[again[0].number] = again
+        found[again.number] = again
         if file is not None:
-            _keep(file, *again)
-        progress(len(found), len(usable.lifts), again[0])
+            _keep(file, again)
+        progress(len(found), len(usable.lifts), again)
     return [found[number] for number in sorted(found)], tuple(problems), count
 
 
-def _keep(file: Path, row: Lift, angles: Angles) -> None:
-    data = BytesIO()
+def _keep(file: Path, row: Lift) -> None:
+    data, angles = BytesIO(), row.estimate
     np.save(data, np.column_stack([angles.time_s, angles.angle_deg, angles.sigma_deg]))
     try:
         file.parent.mkdir(parents=True, exist_ok=True)

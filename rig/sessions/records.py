@@ -233,6 +233,9 @@ class _NotStored:
         return none_schema(serialization=plain_serializer_function_ser_schema(lambda value: None))
 
 
+_UNSTORED = {"stored": lambda lift: False}
+
+
 @strict
 @dataclass(frozen=True, kw_only=True)
 class Lift:
@@ -326,11 +329,13 @@ class Lift:
         "speed of the time stamps of sources divided by that of the clock, by name; only warnings",
         default=None,
     )
-    angles: Annotated[dict[str, Angles] | None, _NotStored()] = field(default=None, compare=False)
+    angles: Annotated[dict[str, Angles] | None, _NotStored()] = field(
+        default=None, compare=False, metadata=_UNSTORED
+    )
     """The angles over time by source, once `rig.sessions.reading.read_angles` or a table has given them."""
-    notes: Annotated[tuple[str, ...], _NotStored()] = field(default=(), compare=False)
+    notes: Annotated[tuple[str, ...], _NotStored()] = field(default=(), compare=False, metadata=_UNSTORED)
     """Damaged parts of the recording, which the angles leave out, or wrapped angles of a table."""
-    frame_ms: Annotated[float | None, _NotStored()] = field(default=None, compare=False)
+    frame_ms: Annotated[float | None, _NotStored()] = field(default=None, compare=False, metadata=_UNSTORED)
     """Median wall time per tactile frame with contact, if read from the session's timing."""
 
     @property
@@ -513,7 +518,7 @@ class _LiftCodec(Codec[Lift]):
     def parsed(self, text: bytes) -> Lift:
         """Return the lift of a JSON text. Raises `ValueError` naming the invalid key."""
         lift, keys = super().parsed(text), json.loads(text).keys()
-        needed = [of.name for of in fields(Lift) if "stored" in of.metadata]
+        needed = [of.name for of in fields(Lift) if {"stored", "figure"} <= of.metadata.keys()]
         if lift.accepted and (missing := [name for name in needed if name not in keys]):
             raise ValueError(f"'{missing[0]}' is missing")
         if lift.accepted == (lift.outcome is LiftOutcome.FAULT) or lift.accepted != (lift.fault is None):

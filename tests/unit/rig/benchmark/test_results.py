@@ -70,7 +70,7 @@ def test_benchmark_scores_a_lift_as_in_the_trial(result: EstimatorsResult) -> No
     rows = read_finished_lifts(result.session)
     for name, window in (("slip", 1), ("pca", 4)):
         settings = stored_trial(result.session, name, window).settings
-        (row, _), _ = replay_lift(result.session, settings, rows[0])
+        row, _ = replay_lift(result.session, settings, rows[0])
         score = result.scores[name, window]
         found = [score.mare.mean_deg, score.mare.std_deg, score.mare_b.mean_deg, score.answered]
         expected = [row.re.mean_deg, row.re.std_deg, row.re_b.mean_deg, row.answered]

@@ -123,7 +123,7 @@ def measured(
         tip.sign = -tip.sign if number in flipped else tip.sign
     phases_ns = {name: round(time_s * NS_PER_S) for name, time_s in row.phases_s.items()}
     show_again(session / row.recording, Changed(measurement, time_of), phases_ns)
-    return lift_result(measurement, row)[0]
+    return lift_result(measurement, row)
 
 
 def notices_of(session: Path, row: Lift, warning: str) -> list[str]:

@@ -234,6 +234,7 @@ class _NotStored:
 
 
 _UNSTORED = {"stored": lambda lift: False}
+"""Metadata of a field that a line never has."""
 
 
 @strict

@@ -161,7 +161,7 @@ def _recording(options: EstimateOptions, run: "Estimation") -> None:
     shown, samples, figures = [], [], []
     for tip in of_sensor(recording_frames(path), options.sensor):
         begin_phase(f"estimating {tip.serial} with {run.choice.name}")
-        done = run.of_sensor(tip)
+        done = run.of_series(tip)
         shown.append(done)
         samples += [{**row, "sensor": tip.serial} for row in rows(done.estimate)]
         report = _report(f"{path}, {tip.serial}", done, run)
@@ -183,7 +183,7 @@ def _session(options: EstimateOptions, run: "Estimation") -> None:
     tips, problems = session_frames(path)
     for tip in of_sensor(tips, options.sensor):
         begin_phase(f"estimating lift {tip.lift}, {tip.serial}, with {run.choice.name}")
-        done = run.of_sensor(tip)
+        done = run.of_series(tip)
         file = out / f"{tip.lift}_{tip.serial}.csv"
         _write(file, table(rows(done.estimate)))
         figures = _report(f"lift {tip.lift}, {tip.serial}", done, run)

@@ -93,7 +93,7 @@ def play(options: PlayOptions) -> None:
         say(f"note: the installed OpenCV has no H.264 encoder for .mp4: {place} is written instead")
     figures = {"frames": done.frames, "codec": done.codec, "size_px": [width, height]}
     print_result(options.json, {"film": str(done.path), **figures}, done.path)
-    read = [(folder / lift.recording, lift.curves.gaps) for folder, _, lift in lifts if lift.curves]
+    read = [(folder / lift.recording, lift.notes) for folder, _, lift in lifts]
     report_broken([gaps_text(recording, list(gaps)) for recording, gaps in read if gaps])
 
 

@@ -7,7 +7,7 @@ stores its polygons beside the images.
 import time
 from collections.abc import Callable, Sequence
 from contextlib import closing
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Literal
@@ -45,20 +45,14 @@ from rig.live.observer import PictureSender
 from rig.sessions.about import NO_REMARKS, Remarks
 from rig.sessions.files import reference_file, true_mask_file
 from rig.sessions.manifest import RecordManifest, begun_on
-from rig.sessions.records import POSES, PoseImage, PoseRow
+from rig.sessions.records import IMAGE_COLUMNS, POSES, PoseImage, PoseRow, PoseTiming, image_lines
 from rig.sessions.session import Session
 from rig.sessions.table_files import csv_bytes
-from rig.sessions.timing import PoseTiming
 from rig.tactile.contact.background import mean_background
 from rig.tactile.contact.finder import ContactFinder
 from rig.tactile.contact.gate import TouchDebounce
 from rig.terminal.screen import begin_phase
 
-COLUMNS = {
-    "file": str, "pose": int, "position": str, "orientation_deg": float, "grip_counts": int, "serial": str,
-    "time_s": float, "contact_area_px": float,
-}  # fmt: skip
-"""Columns of the table of images, `images.csv`, with their types."""
 GRIPS_PER_POSE = 5
 """Most different grips of one pose."""
 FRAMES_APART = 3
@@ -83,7 +77,6 @@ class RecordSettings:
 
     @property
     def variation_seed(self) -> int | None:
-        """Seed of the sensors; None for the bench's own."""
         return derived_seed(self.seed, "sensors") if self.randomise else None
 
 
@@ -166,7 +159,7 @@ def run_record(
         codec=POSES,
         tasks=_all_tasks(settings),
         prepare=prepare,
-        table=("images.csv", _images_csv),
+        table=("images.csv", lambda rows: csv_bytes(IMAGE_COLUMNS, image_lines(rows))),
         logged=lambda row: f"pose {row.pose}: {len(row.images)} images",
     )
     return run_session(folder, run, resume, benches, progress)
@@ -218,10 +211,6 @@ def _references(
             raise SessionError(f"{path}: the reference image cannot be read; record into a new --out")
         finders[serial] = ContactFinder(image)
     return finders
-
-
-def _images_csv(rows: Sequence[PoseRow]) -> bytes:
-    return csv_bytes(COLUMNS, ({**vars(row), **asdict(image)} for row in rows for image in row.images))
 
 
 def hand_pose(settings: RecordSettings, task: PoseTask) -> HandPose:

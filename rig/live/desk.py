@@ -30,7 +30,7 @@ from drivers.tally import FrameTally
 from drivers.types import Frame, Image
 from rig.frames.estimates import require_frames_suffice
 from rig.frames.streaming import StreamingEstimator
-from rig.lift.fusion import FusedAngles
+from rig.lift.object_angle import FusedAngles
 from rig.live.clip_writer import ClipWriter, clip_folder
 from rig.live.feed import ESTIMATOR, OBJECT, RECORD, REFERENCE, TAKE_BACKGROUND, Sender
 from rig.live.observer import PICTURE_LONG_SIDE_PX, small_jpeg

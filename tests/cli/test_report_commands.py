@@ -102,7 +102,7 @@ def test_two_estimators_are_compared_on_one_session(
     assert "slip and pca compared" in page.read_text()
     inside = {path.name for path in trial.iterdir()}
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("rig.report.sides.replay_or_problem", lambda *_: pytest.fail("replayed again"))
+    monkeypatch.setattr("rig.report.sides.replay_lift", lambda *_: pytest.fail("replayed again"))
     again = rig("compare", "slip", "pca", "--on", str(trial), "--jobs", "1", "--json")
     assert json.loads(again.stdout)["figures"] == answer["figures"]
     assert "note: 1 lift replayed with pca before" in again.stderr

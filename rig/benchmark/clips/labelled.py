@@ -33,7 +33,7 @@ from rig.frames.clips import (
 )
 from rig.frames.series import FrameSeries, TimedFrame, make_background, read_frames
 from rig.frames.times import FrameTime
-from rig.report.curves import AXIS_DEG, unwrapped
+from rig.results.scores import AXIS_DEG, unwrapped
 from rig.tactile.angles import Angles
 
 GROUPS, CONTACTS = "groups.csv", "contacts.csv"

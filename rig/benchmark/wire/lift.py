@@ -27,9 +27,8 @@ from rig.experiments.lift_plan import LiftTask, TrialSettings
 from rig.experiments.trial import run_trial
 from rig.sessions.files import TIMING
 from rig.sessions.reading import recorded_frames
-from rig.sessions.records import Lift, finished
+from rig.sessions.records import LIFT_TIMINGS, Lift, finished
 from rig.sessions.rows import read_finished_lifts, read_rows
-from rig.sessions.timing import LIFT_TIMINGS
 from rig.tactile.estimators import choose_estimator
 from rig.terminal.screen import begin_phase
 

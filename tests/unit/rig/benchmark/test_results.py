@@ -14,7 +14,7 @@ from rig.benchmark.estimators.stress import run_stress, stress_rows
 from rig.benchmark.estimators.study import EstimatorsResult
 from rig.benchmark.harness import Report, Run, check_readme, markers
 from rig.experiments.lift_plan import stored_trial
-from rig.experiments.replay import replay_with_angles
+from rig.experiments.replay import replay_lift
 from rig.sessions.rows import read_finished_lifts
 from support.benches import lighter
 
@@ -57,9 +57,8 @@ def test_progress_names_each_step() -> None:
 def test_benchmark_scores_a_lift_as_in_the_trial(result: EstimatorsResult) -> None:
     rows = read_finished_lifts(result.session)
     for name, window in (("slip", 1), ("pca", 4)):
-        row = replay_with_angles(
-            result.session, stored_trial(result.session, name, window).settings, rows[0]
-        )[0]
+        settings = stored_trial(result.session, name, window).settings
+        row, _ = replay_lift(result.session, settings, rows[0])
         score = result.scores[name, window]
         found = [score.mare.mean_deg, score.mare.std_deg, score.mare_b.mean_deg, score.answered]
         expected = [row.re.mean_deg, row.re.std_deg, row.re_b.mean_deg, row.answered]

@@ -89,7 +89,7 @@ def _figures(
     """Return quality and numbers of a camera. projected_px: see `projection_sigma_px`."""
     fit, matrix, sigma = result.fit, result.fit.camera.matrix, result.sigma
     worst_px, (spread_deg, largest_deg) = float(projected_px.max()), board_tilts_deg(result)
-    quality = {
+    quality: dict[str, object] = {
         "target": target.spec,
         "lens_model": fit.lens.name,
         "terms": [TERMS[i] for i in fit.lens.free],

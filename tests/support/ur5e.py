@@ -2,7 +2,10 @@
 
 import itertools
 import os
-from collections.abc import Callable
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 
 import numpy as np
 import pytest
@@ -47,6 +50,17 @@ def let_go_of_arms() -> None:
 
 def agree(question: str) -> None:
     """A person who has inspected the arm."""
+
+
+@contextmanager
+def running(script: str, controller: URController, *arguments: object) -> Iterator["subprocess.Popen[str]"]:
+    """A program with the arguments host, slowness and others; it is killed at the end."""
+    command = [sys.executable, "-c", script, controller.host, str(SLOWNESS), *map(str, arguments)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as program:
+        try:
+            yield program
+        finally:
+            program.kill()
 
 
 def first_error(call: Callable[[], object], limit_s: float = 3.0) -> DeviceError:

@@ -5,8 +5,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, suppress
 from pathlib import Path
 
 import pytest
@@ -16,7 +15,7 @@ from drivers.types import ArmMode
 from drivers.ur5e.arm import UR5e
 from fakes.wire.ur.controller import URController
 from support.slow_motion import SLOWNESS, pause
-from support.ur5e import agree, first_error, make_arm, stands
+from support.ur5e import agree, first_error, make_arm, running, stands
 from support.waiting import until
 from support.worlds import HOME
 
@@ -42,13 +41,13 @@ from drivers.clock import SystemClock
 from drivers.types import Pose
 from drivers.ur5e.arm import UR5e
 from fakes.devices.arm import LIMITS
-slowness = int(sys.argv[3])
+slowness = int(sys.argv[2])
 arm = UR5e(sys.argv[1], LIMITS, Pose((0, 0, 0.28)), 2.5, (0, 0, 0.08), clock=SystemClock(slowness))
 arm.connect()
 motion = arm.move_linear(arm.state().base_T_tcp.translated(z_m=-0.20), 0.25, 1.0)
-if sys.argv[2] == "hangs":
+if sys.argv[3] == "hangs":
     time.sleep(300)
-if sys.argv[2] == "busy":
+if sys.argv[3] == "busy":
     mine = open(f"/proc/self/task/{os.getpid()}/children").read().split()
     named = "ur5e.processes\\0control"
     commanding = next(pid for pid in mine if named in open(f"/proc/{pid}/cmdline").read())
@@ -61,15 +60,9 @@ arm.disconnect()
 """
 
 
-@contextmanager
-def moving(controller: URController, how: str) -> Iterator["subprocess.Popen[str]"]:
+def moving(controller: URController, how: str) -> AbstractContextManager["subprocess.Popen[str]"]:
     """A program that moves the arm down at the speed of an approach."""
-    command = [sys.executable, "-c", MOVING, controller.host, how, str(SLOWNESS)]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as program:
-        try:
-            yield program
-        finally:
-            program.kill()
+    return running(MOVING, controller, how)
 
 
 def height_m(controller: URController) -> float:

@@ -24,7 +24,7 @@ from calibration.verdict import Assessment, Rejected
 from drivers.errors import InputError, counted
 from drivers.formats import number_in, read_csv_rows
 from drivers.types import Pose, Vector3
-from protocols.capture_pivot import FIRST_ABOVE_M, SPEED_M_S, PivotCapture, capture_pivot
+from protocols.capture_pivot import FIRST_ABOVE_M, SPEED_M_S, capture_pivot
 from protocols.capture_touch import Touch, capture_openings
 from protocols.readiness import agree_to_carry
 from rig.bench.assembly import TOOL_DOWN
@@ -213,9 +213,9 @@ def collect_tip(station: Station, count: int, accept_change: bool = False) -> Ca
     raw = station.raw("tcp")
     seated: list[tuple[str, Pose]] = []
 
-    def keep(capture: PivotCapture) -> Vector3 | None:
-        seated.append((capture.id, capture.base_T_tcp))
-        station.note(f"{capture.id}: seated, {len(seated)} of {count}", len(seated), count)
+    def keep(name: str, base_T_tcp: Pose) -> Vector3 | None:  # noqa: N803
+        seated.append((name, base_T_tcp))
+        station.note(f"{name}: seated, {len(seated)} of {count}", len(seated), count)
         found = calibrate_pivot(seated).tip_m if len(seated) >= FEWEST else None
         if found is None:
             return None

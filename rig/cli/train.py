@@ -234,8 +234,9 @@ def estimators(json: JsonOption = False) -> None:
 
     found: list[dict[str, Any]] = [{"name": name, "from": "the rig", "class": None} for name in ESTIMATORS]
     for of in installed_classes(GROUP):
-        hidden = of.name in ESTIMATORS
-        found.append({"name": of.target if hidden else of.name, "from": of.distribution, "class": of.target})
+        name = of.value if of.name in ESTIMATORS else of.name
+        package = "" if of.dist is None else f"{of.dist.name} {of.dist.version}"
+        found.append({"name": name, "from": package, "class": of.value})
     if json:
         emit_json({"default": DEFAULT_ESTIMATOR, "estimators": found})
         return

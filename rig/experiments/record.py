@@ -19,12 +19,10 @@ from drivers.errors import DeviceError, InputError, SessionError
 from drivers.images import encode_png, load_image
 from drivers.types import Frame, Image, Pose
 from protocols.grasps import GraspFile, GraspPose, grasp_poses
-from protocols.home import home_plan
 from protocols.observer import LiftEvents
 from protocols.readiness import free_hand, make_ready
 from protocols.record_grasps import (
     CaptureObserver,
-    HandObserver,
     HandPose,
     PosePlan,
     record_pose,
@@ -32,7 +30,7 @@ from protocols.record_grasps import (
     record_reference,
     record_untouched,
 )
-from protocols.steps import TRAVEL_SPEED_M_S, way_to
+from protocols.steps import TRAVEL_SPEED_M_S, home_plan, way_to
 from rig.bench.assembly import home_pose, simulated_layout, true_masks
 from rig.bench.plan import Plan, PlannedMotion, make_plan
 from rig.bench.source import BenchSource, FreshBenches
@@ -323,7 +321,7 @@ def _images(
 
 
 @dataclass(slots=True)
-class PoseCapture(CaptureObserver, HandObserver):
+class PoseCapture(CaptureObserver):
     """An observer that captures images with contact, alternately from each fingertip or from one alone.
 
     taken: frames with their grip in steps beyond first contact (None: pressed by hand) and contact area, px.
@@ -344,11 +342,8 @@ class PoseCapture(CaptureObserver, HandObserver):
     _touches: dict[str, TouchDebounce] = field(default_factory=dict)
     _last: dict[str, int] = field(default_factory=dict)
 
-    def want(self, images: int, grip_steps: int) -> None:
-        self._wanted, self._grip_steps, self._serial = len(self.taken) + images, grip_steps, None
-
-    def want_of(self, serial: str, images: int) -> None:
-        self._wanted, self._grip_steps, self._serial = len(self.taken) + images, None, serial
+    def want(self, images: int, grip_steps: int | None = None, serial: str | None = None) -> None:
+        self._wanted, self._grip_steps, self._serial = len(self.taken) + images, grip_steps, serial
 
     def satisfied(self) -> bool:
         return len(self.taken) >= self._wanted

@@ -8,9 +8,8 @@ from pathlib import Path
 from drivers.errors import InputError
 from drivers.types import Pose
 from protocols.grasps import TRIAL_OBJECTS, GraspFile, find_grasp_file
-from protocols.home import home_plan
 from protocols.slip_trial import LIFT_S
-from protocols.steps import TRAVEL_SPEED_M_S, way_to
+from protocols.steps import TRAVEL_SPEED_M_S, home_plan, way_to
 from rig.bench.assembly import home_pose
 from rig.bench.plan import Plan, PlannedMotion, make_plan
 from rig.bench.source import BenchSource

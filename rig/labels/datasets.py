@@ -15,8 +15,7 @@ import cv2
 import numpy as np
 
 from drivers.errors import InputError, unknown_name
-from drivers.formats import read_bounded, shown
-from drivers.formats.structured import MOST_JSON_BYTES
+from drivers.formats import MOST_JSON_BYTES, read_bounded, shown
 from drivers.images import SUFFIXES, read_image, require_same_aspect
 from drivers.types import Image
 from protocols.grasps import find_grasp_file

@@ -122,15 +122,11 @@ def test_guiding_ends_at_its_time_limit(controller: URController) -> None:
         assert stands(controller)
 
 
-def test_guiding_ends_if_its_program_hangs(controller: URController) -> None:
-    with guided(controller, "hangs"):
-        until(lambda: not controller.snapshot()["freedrive"], 3.0 * SLOWNESS)
-        assert stands(controller)
-
-
-def test_guiding_ends_if_its_program_is_killed(controller: URController) -> None:
-    with guided(controller) as rig:
-        rig.kill()
+@pytest.mark.parametrize("how", ["hangs", "is killed"])
+def test_guiding_ends_if_its_program_hangs_or_is_killed(controller: URController, how: str) -> None:
+    with guided(controller, how) as rig:
+        if how == "is killed":
+            rig.kill()
         until(lambda: not controller.snapshot()["freedrive"], 3.0 * SLOWNESS)
         assert stands(controller)
 

@@ -226,7 +226,7 @@ COMMANDS: dict[int, Command] = {
     33: _stop(linear=True),
     34: _stop(linear=False),
     35: lambda loop: loop.robot.runtime.watch(
-        f"input_int_register_{loop.offset}", *loop.doubles(0, 1), loop.robot.time_ns
+        f"input_int_register_{loop.offset}", loop.doubles(0, 1)[0], loop.robot.time_ns
     ),
     36: _has_solution,
     40: lambda loop: loop.answer(to_ur(loop.robot.body.tool)),

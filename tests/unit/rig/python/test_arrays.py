@@ -119,6 +119,7 @@ def test_score_counts_frames_that_both_have() -> None:
     score = rig.score(rig.Angles(times, angles, np.full(100, 0.3)), truth)
     assert (score.mean_deg, score.std_deg, score.frames) == pytest.approx((0.5, 0.0, 80))
     assert (score.answered, score.within_two_sigma) == pytest.approx((0.8, 1.0))
+    assert rig.score(rig.Angles(times, angles, np.full(100, 0.2)), truth).within_two_sigma == 0.0
     nothing = rig.score(rig.Angles(times + 100, angles), truth)
     assert (nothing.frames, np.isnan(nothing.mean_deg)) == (0, True)
 

@@ -44,7 +44,7 @@ class Pose:
     quaternion_xyzw: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0)
 
     @classmethod
-    def from_rotation(cls, position_m: NDArray[np.float64] | Vector3, rotation: "Rotation") -> "Pose":
+    def from_rotation(cls, position_m: NDArray[np.floating] | Vector3, rotation: "Rotation") -> "Pose":
         """Build a pose from a position in m and a scipy rotation."""
         x, y, z = (float(v) for v in position_m)
         qx, qy, qz, qw = (float(v) for v in rotation.as_quat(canonical=True))

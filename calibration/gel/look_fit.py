@@ -230,7 +230,7 @@ def _total(sums: Sequence[_Sums], without: int | None = None) -> _Sums:
     )
 
 
-def _solve(sums: _Sums, used: NDArray[np.intp]) -> Array:
+def _solve(sums: _Sums, used: NDArray[np.intp]) -> NDArray[np.float64]:
     """(U, 3) ridge-regularised weights of the columns in use, scaled to unit mean square."""
     squares, products = sums.squares[np.ix_(used, used)], sums.products[used]
     scale = np.sqrt(np.diag(squares)) + 1e-9

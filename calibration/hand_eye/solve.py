@@ -203,7 +203,7 @@ def _contradiction(problem: Problem, found: Refined) -> str:
     a_R, a_t = problem.a_R, problem.a_t  # noqa: N806
     back = a_R.transpose(0, 2, 1)
     inverted = "the robot poses look inverted (tcp_T_base for base_T_tcp, or the other setup)"
-    tries = [(inverted, back, -(back @ a_t[..., None])[..., 0])]
+    tries: list[tuple[str, Array, Array]] = [(inverted, back, -(back @ a_t[..., None])[..., 0])]
     for offset, by in (("one", 1), ("minus one", -1)):
         text = f"pictures and poses look paired with an offset of {offset}"
         tries.append((text, np.roll(a_R, by, axis=0), np.roll(a_t, by, axis=0)))

@@ -10,6 +10,7 @@ from collections import deque
 
 import cv2
 import numpy as np
+from cv2.typing import MatLike
 from numpy.typing import NDArray
 
 from drivers.types import Image
@@ -87,7 +88,7 @@ class Misfit:
         core = frame[REACH:-REACH, REACH:-REACH]
         most = np.full(core.shape, MOST_OFF * PER_LOG, np.uint16)
 
-        def off(background: NDArray[np.uint16], to: NDArray[np.uint16]) -> NDArray[np.uint16]:
+        def off(background: MatLike, to: NDArray[np.uint16]) -> MatLike:
             cv2.absdiff(core, background, dst=to)
             return cv2.min(to, most, dst=to)
 

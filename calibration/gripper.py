@@ -8,7 +8,7 @@ The tip is estimated in the flange or TCP frame from poses with the tip on one f
 """
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum
 
 import numpy as np
@@ -17,7 +17,7 @@ from scipy.optimize import isotonic_regression
 from scipy.spatial.transform import Rotation
 
 from calibration.poses import REACH_M, pose_fault, repeated_pose
-from calibration.verdict import Assessment, Rejected, floor, length_guess, limit, sift
+from calibration.verdict import Assessment, Rejected, length_guess, limits, sift
 from drivers.errors import counted
 from drivers.types import Pose
 
@@ -54,23 +54,15 @@ class OpeningSample:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class OpeningTable:
-    """counts (N,) increasing, opening_m (N,) not increasing, for one direction."""
-
-    counts: Array
-    opening_m: Array
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class GripperResult:
-    """The fitted tables by direction; empty if refused.
+    """The fitted tables by direction, counts (N,) increasing and openings (N,) m; empty if refused.
 
     hysteresis_m: largest difference between both tables; None if unknown.
     """
 
     assessment: Assessment
-    tables: dict[Direction, OpeningTable]
     rejected: tuple[Rejected, ...]
+    tables: dict[Direction, tuple[Array, Array]] = field(default_factory=dict)
     hysteresis_m: float | None = None
 
 
@@ -92,12 +84,15 @@ def calibrate_opening(samples: Sequence[OpeningSample], step_m: float = STEP_M) 
     good, rejected = sift(samples, lambda sample: sample.id, fault)
     wrong = _wrong_unit(good if len(good) > len(rejected) else samples, step_m)
     if wrong is not None:
-        return GripperResult(Assessment((wrong,)), {}, tuple(rejected))
-    tables: dict[Direction, OpeningTable] = {}
+        return GripperResult(Assessment((wrong,)), tuple(rejected))
+    tables: dict[Direction, tuple[Array, Array]] = {}
     missed: list[Array] = []
+    fewest = MOST_COUNTS
     for direction in Direction:
         chosen = [s for s in good if s.direction is direction]
-        if len(_distinct([s.counts for s in chosen])) >= FEWEST_COUNTS:
+        different = _different(s.counts for s in chosen)
+        if different >= FEWEST_COUNTS:
+            fewest = min(fewest, different)
             # isotonic regression over the mean at each count
             openings = np.array([s.opening_m for s in chosen])
             places, where, repeats = np.unique(
@@ -105,7 +100,7 @@ def calibrate_opening(samples: Sequence[OpeningSample], step_m: float = STEP_M) 
             )
             means = np.bincount(where, openings) / repeats
             fitted = np.asarray(isotonic_regression(means, weights=repeats, increasing=False).x)
-            tables[direction] = OpeningTable(places, fitted)
+            tables[direction] = places, fitted
             missed.append(openings - fitted[where])
     if Direction.CLOSING not in tables:
         closing = sum(s.direction is Direction.CLOSING for s in good)
@@ -113,31 +108,33 @@ def calibrate_opening(samples: Sequence[OpeningSample], step_m: float = STEP_M) 
             f"{counted(closing, 'usable measurement')} while closing; at least {FEWEST_COUNTS} different "
             "counts are needed"
         )
-        return GripperResult(Assessment((text,)), {}, tuple(rejected))
+        return GripperResult(Assessment((text,)), tuple(rejected))
     misfit_m = float(np.sqrt((np.concatenate(missed) ** 2).mean()))
-    hysteresis_m = _hysteresis_m(tables)
-    assessment = limit(
-        1e3 * misfit_m, 0.3, 2.0, "measurements miss a monotone table by {value:.2f} mm: measure again"
+    assessment = limits(
+        (1e3 * misfit_m, 0.3, 2.0, "measurements miss a monotone table by {value:.2f} mm: measure again"),
+        (fewest, 6, 3, "{value} counts measured; 8 are good"),
     )
-    assessment += floor(
-        min(len(_distinct(t.counts)) for t in tables.values()), 6, 3, "{value} counts measured; 8 are good"
-    )
+    hysteresis_m = None
     if len(tables) < 2:
         assessment += Assessment(doubts=("only closing was measured: hysteresis is unknown",))
-    else:
-        assessment += limit(
-            1e3 * (hysteresis_m or 0.0), 1.0, np.inf, "closing and opening differ by {value:.1f} mm"
-        )
-    return GripperResult(assessment, {} if assessment.refusals else tables, tuple(rejected), hysteresis_m)
+    else:  # compared where their counts overlap
+        one, other = tables.values()
+        at = np.union1d(one[0], other[0])
+        at = at[(at >= max(one[0][0], other[0][0])) & (at <= min(one[0][-1], other[0][-1]))]
+        if len(at):
+            hysteresis_m = float(np.abs(np.interp(at, *one) - np.interp(at, *other)).max())
+        apart_mm = 1e3 * (hysteresis_m or 0.0)
+        assessment += limits((apart_mm, 1.0, np.inf, "closing and opening differ by {value:.1f} mm"))
+    return GripperResult(assessment, tuple(rejected), {} if assessment.refusals else tables, hysteresis_m)
 
 
-def _distinct(counts: Iterable[float]) -> list[float]:
-    """Return the positions that are at least one count apart, in increasing order."""
+def _different(counts: Iterable[float]) -> int:
+    """Return the number of positions that are at least one count apart."""
     found: list[float] = []
     for value in sorted(counts):
         if not found or value - found[-1] >= 1.0:
             found.append(value)
-    return found
+    return len(found)
 
 
 def _wrong_unit(samples: Sequence[OpeningSample], step_m: float) -> str | None:
@@ -155,17 +152,6 @@ def _wrong_unit(samples: Sequence[OpeningSample], step_m: float) -> str | None:
         f"the openings change by {1e3 * found_m:.3g} mm per count, those of the gripper by "
         f"{1e3 * step_m:.2g} mm: opening_mm is not in mm{guess}"
     )
-
-
-def _hysteresis_m(tables: dict[Direction, OpeningTable]) -> float | None:
-    """Return the largest difference between both tables in m; None if their counts do not overlap."""
-    if len(tables) < 2:
-        return None
-    one, other = tables.values()
-    at = np.union1d(one.counts, other.counts)
-    at = at[(at >= max(one.counts[0], other.counts[0])) & (at <= min(one.counts[-1], other.counts[-1]))]
-    gaps = np.interp(at, one.counts, one.opening_m) - np.interp(at, other.counts, other.opening_m)
-    return float(np.abs(gaps).max()) if len(at) else None
 
 
 FEWEST = 4
@@ -217,14 +203,13 @@ def calibrate_pivot(poses: Sequence[tuple[str, Pose]]) -> PivotResult:
     missed = turns @ tip + moves - point
     distance = np.linalg.norm(missed, axis=1)
     covariance = _spread(turns, moves, tip, missed)
-    assessment += limit(
-        1e3 * float(np.sqrt((distance**2).mean())), 1.0, 5.0,
-        "the tip misses its point by {value:.2f} mm: did it leave the hole, or the robot still move?",
+    rms_m, sigma_m = float(np.sqrt((distance**2).mean())), float(np.sqrt(np.trace(covariance)))
+    assessment += limits(
+        (1e3 * rms_m, 1.0, 5.0,
+         "the tip misses its point by {value:.2f} mm: did it leave the hole, or the robot still move?"),
+        (1e3 * sigma_m, 1.0, 20.0, "the tip is known only to {value:.2f} mm"),
+        (len(names), 8, FEWEST, f"{counted(len(names), 'pose')} used; 10 are good"),
     )  # fmt: skip
-    assessment += limit(
-        1e3 * float(np.sqrt(np.trace(covariance))), 1.0, 20.0, "the tip is known only to {value:.2f} mm"
-    )
-    assessment += floor(len(names), 8, FEWEST, f"{counted(len(names), 'pose')} used; 10 are good")
     if assessment.refusals:
         return PivotResult(assessment, tuple(rejected), cone_deg)
     residual = dict(zip(names, distance.tolist(), strict=True))
@@ -275,7 +260,8 @@ def _gate(turns: Array) -> tuple[float, Assessment]:
     if strengths[-1] < 0.02 * strengths[0]:
         reason = f"all rotations are about one axis, so the tip is undetermined along it: {_HINT}"
         return cone_deg, Assessment((reason,))
-    return cone_deg, floor(cone_deg, 30.0, 10.0, "the tool rotated by at most {value:.0f} degrees: " + _HINT)
+    text = "the tool rotated by at most {value:.0f} degrees: " + _HINT
+    return cone_deg, limits((cone_deg, 30.0, 10.0, text))
 
 
 def _system(turns: Array) -> Array:

@@ -94,7 +94,20 @@ def load(
     if about.get("kind") != kind:
         raise CalibrationError(f"{path}: holds a calibration of '{about.get('kind')}', '{kind}' is needed")
     try:
-        file = _from_about(about, content)
+        for name in ("quality", "inputs", "software"):
+            if not isinstance(about.get(name, {}), Mapping):
+                raise ValueError(f"'{name}' is not a mapping")
+        file = CalibrationFile(
+            kind=about["kind"],
+            serials={str(k): str(v) for k, v in about["serials"].items()},
+            value=content,
+            assessment=Assessment(tuple(about["refusals"]), tuple(about["doubts"])),
+            created=datetime.fromisoformat(about["created"]).isoformat(),
+            quality=about.get("quality", {}),
+            rejected=tuple(Rejected(str(r["id"]), str(r["reason"])) for r in about.get("rejected", [])),
+            inputs=about.get("inputs", {}),
+            software=about.get("software", {}),
+        )
     except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
         why = f"{type(error).__name__}: {formats.reason(error)}"
         raise CalibrationError(f"{path}: damaged ({why}); make it again with rig calibrate") from error
@@ -159,20 +172,3 @@ _Dumper.add_representer(
         "tag:yaml.org,2002:seq", data, flow_style=all(isinstance(item, int | float) for item in data)
     ),
 )
-
-
-def _from_about(about: Mapping[str, Any], value: Mapping[str, Any]) -> CalibrationFile:
-    for name in ("quality", "inputs", "software"):
-        if not isinstance(about.get(name, {}), Mapping):
-            raise ValueError(f"'{name}' is not a mapping")
-    return CalibrationFile(
-        kind=about["kind"],
-        serials={str(k): str(v) for k, v in about["serials"].items()},
-        value=value,
-        assessment=Assessment(tuple(about["refusals"]), tuple(about["doubts"])),
-        created=datetime.fromisoformat(about["created"]).isoformat(),
-        quality=about.get("quality", {}),
-        rejected=tuple(Rejected(str(r["id"]), str(r["reason"])) for r in about.get("rejected", [])),
-        inputs=about.get("inputs", {}),
-        software=about.get("software", {}),
-    )

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 from scipy.spatial.transform import Rotation, Slerp
 
-from calibration.verdict import Assessment, limit
+from calibration.verdict import Assessment, limits
 from drivers.errors import CalibrationError, counted
 from drivers.progress import steps
 
@@ -72,9 +72,16 @@ def make_stream(time_ns: NDArray[np.int64], values: Array, name: str) -> TimedSi
     times, signal = np.asarray(time_ns), np.asarray(values, np.float64)
     if times.dtype.kind not in "iu" or times.ndim != 1 or times.shape != signal.shape:
         raise CalibrationError(f"sync: {name}: times in integer ns and as many values are needed")
-    times = times.astype(np.int64)
-    usable = _in_order(times, np.isfinite(signal))
-    _require_seconds(times[np.isfinite(signal)], times[usable], name)
+    times, finite = times.astype(np.int64), np.isfinite(signal)
+    usable = _in_order(times, finite)
+    count, lasts_s = int(finite.sum()), float(np.ptp(times[finite])) / 1e9 if finite.any() else 0.0
+    interval_s = float(np.median(np.diff(times[usable]))) / 1e9 if len(usable) > 1 else 0.0
+    if count >= FEWEST and (0.0 < lasts_s < SHORTEST_S or interval_s > LONGEST_S):
+        unit = "ms" if interval_s > LONGEST_S else "microseconds or ms"
+        raise CalibrationError(
+            f"sync: {name}: {count} samples in {lasts_s:.4g} s: time_ns is in ns and t_s in s; are the times "
+            f"in {unit}?"
+        )
     if len(usable) < FEWEST:
         raise CalibrationError(
             f"sync: {name}: {counted(len(usable), 'usable sample')}; at least {FEWEST} are needed"
@@ -83,20 +90,6 @@ def make_stream(time_ns: NDArray[np.int64], values: Array, name: str) -> TimedSi
     if longest_s > 3600.0:
         raise CalibrationError(f"sync: {name}: its clock jumps by {longest_s / 3600:.1f} h; record again")
     return TimedSignal(times[usable], signal[usable])
-
-
-def _require_seconds(all_ns: NDArray[np.int64], usable_ns: NDArray[np.int64], name: str) -> None:
-    """Raise `CalibrationError` for times of a wrong unit: a short stream, or samples over a second apart."""
-    if len(all_ns) < FEWEST:
-        return
-    lasts_s = float(np.ptp(all_ns)) / 1e9
-    interval_s = float(np.median(np.diff(usable_ns))) / 1e9 if len(usable_ns) > 1 else 0.0
-    if 0.0 < lasts_s < SHORTEST_S or interval_s > LONGEST_S:
-        unit = "ms" if interval_s > LONGEST_S else "microseconds or ms"
-        raise CalibrationError(
-            f"sync: {name}: {len(all_ns)} samples in {lasts_s:.4g} s: time_ns is in ns and t_s in s; are the "
-            f"times in {unit}?"
-        )
 
 
 def turning_rate(
@@ -130,7 +123,11 @@ def turning_rate(
     turn = Slerp(times - times[0], Rotation.from_quat(values))
     before, after = (turn(middle - times[0] + step) for step in (-_SPAN_NS // 2, _SPAN_NS // 2))
     rates = (before.inv() * after).magnitude() / (_SPAN_NS / 1e9)
-    return make_stream(middle, np.where(_spikes(rates), np.nan, rates), name)
+    # Hampel filter: a detector that mirrors the target gives rates more than five robust standard deviations
+    # from the running median
+    away = np.abs(rates - median_filter(rates, _AROUND, mode="nearest"))
+    usual = median_filter(away, 8 * _AROUND + 1, mode="nearest")
+    return make_stream(middle, np.where(away > 5.0 * 1.4826 * usual + 0.05, np.nan, rates), name)
 
 
 def _in_order(times: NDArray[np.int64], usable: NDArray[np.bool_]) -> NDArray[np.int64]:
@@ -139,17 +136,6 @@ def _in_order(times: NDArray[np.int64], usable: NDArray[np.bool_]) -> NDArray[np
     found = found[np.argsort(times[found], kind="stable")]
     _, first = np.unique(times[found] // _SAME_NS, return_index=True)
     return found[first]
-
-
-def _spikes(rates: NDArray[np.floating]) -> NDArray[np.bool_]:
-    """(N,) whether a rate is an outlier among its neighbours, as when a detector mirrors the target.
-
-    Hampel filter: more than five robust standard deviations from the running median.
-    """
-    middle = median_filter(rates, _AROUND, mode="nearest")
-    away = np.abs(rates - middle)
-    usual = median_filter(away, 8 * _AROUND + 1, mode="nearest")
-    return away > 5.0 * 1.4826 * usual + 0.05
 
 
 @dataclass(frozen=True, slots=True)
@@ -194,9 +180,20 @@ def time_offset(
         return TimeOffset(Assessment(("nothing moved while this was recorded: wiggle by several degrees",)))
     streams = _Streams(t1, first.values, t2, wanted)
     grid = np.arange(-search_s, search_s + _GRID_S / 2, _GRID_S)
-    costs = np.array([_explained(t1, first.values, t2 + g, wanted)[0] for g in steps(grid)])
-    minima = sorted((_refined(streams, float(grid[i])) for i in _valleys(costs)), key=lambda m: m.cost)
+    costs = np.array([streams.fitted(float(g)).cost for g in steps(grid)])
+    minima = sorted((streams.refined(float(grid[i])) for i in _valleys(costs)), key=lambda m: m.cost)
     return _result(streams, minima, search_s, worst_ms)
+
+
+@dataclass(frozen=True, slots=True)
+class _Minimum:
+    """A fit at an offset: cost is the residual sum of squares, noise one sigma of a residual."""
+
+    offset_s: float
+    drift: float
+    cost: float
+    gain: float
+    noise: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -215,10 +212,32 @@ class _Streams:
     def at(self, offset_s: float, drift: float) -> Array:
         return self.t2 + offset_s + drift * (self.t2 - float(self.t2.mean()))
 
+    def fitted(self, offset_s: float, drift: float = 0.0) -> _Minimum:
+        """Fit gain and level at an offset."""
+        seen = np.interp(self.at(offset_s, drift), self.t1, self.signal)
+        centred, goal = seen - seen.mean(), self.wanted - self.wanted.mean()
+        power = float(centred @ centred)
+        gain = float(centred @ goal) / power if power > 1e-12 else 0.0
+        rest = goal - gain * centred
+        cost = float(rest @ rest)
+        return _Minimum(offset_s, drift, cost, gain, float(np.sqrt(cost / max(len(self.t2) - 3, 1))))
+
+    def refined(self, offset_s: float) -> _Minimum:
+        """Refine a minimum of the grid by Gauss-Newton; return the grid's if that does not lower the cost."""
+        offset, drift = offset_s, 0.0
+        for _ in range(_ROUNDS):
+            system, rest = self.linearised(offset, drift)
+            scale = np.maximum(np.linalg.norm(system, axis=0), 1e-12)
+            step = np.linalg.lstsq(system / scale, rest, rcond=None)[0] / scale
+            offset, drift = offset + float(step[0]), drift + (float(step[3]) if self.with_drift else 0.0)
+            if abs(step[0]) < 1e-9:
+                break
+        found, start = self.fitted(offset, drift), self.fitted(offset_s)
+        return found if found.cost <= start.cost else start
+
     def linearised(self, offset_s: float, drift: float) -> tuple[Array, Array]:
         """Return derivatives by offset, gain, level (and drift), and the (N,) residual at the best fit."""
-        at = self.at(offset_s, drift)
-        _, gain, _ = _explained(self.t1, self.signal, at, self.wanted)
+        at, gain = self.at(offset_s, drift), self.fitted(offset_s, drift).gain
         seen = np.interp(at, self.t1, self.signal)
         half = max(float(np.median(np.diff(self.t1))), _SPEED_S)
         ends = np.interp(at + half, self.t1, self.signal), np.interp(at - half, self.t1, self.signal)
@@ -227,37 +246,6 @@ class _Streams:
         if self.with_drift:
             columns.append(speed * (self.t2 - float(self.t2.mean())))
         return np.column_stack(columns), self.wanted - self.wanted.mean() - gain * columns[1]
-
-
-@dataclass(frozen=True, slots=True)
-class _Minimum:
-    """A refined minimum: cost is the residual sum of squares, noise one sigma of a residual."""
-
-    offset_s: float
-    drift: float
-    cost: float
-    gain: float
-    noise: float
-
-
-def _refined(streams: _Streams, offset_s: float) -> _Minimum:
-    """Refine a minimum of the grid by Gauss-Newton; return the grid's if that does not lower the cost."""
-    best = _minimum(streams, offset_s, 0.0)
-    offset, drift = offset_s, 0.0
-    for _ in range(_ROUNDS):
-        system, rest = streams.linearised(offset, drift)
-        scale = np.maximum(np.linalg.norm(system, axis=0), 1e-12)
-        step = np.linalg.lstsq(system / scale, rest, rcond=None)[0] / scale
-        offset, drift = offset + float(step[0]), drift + (float(step[3]) if streams.with_drift else 0.0)
-        if abs(step[0]) < 1e-9:
-            break
-    found = _minimum(streams, offset, drift)
-    return found if found.cost <= best.cost else best
-
-
-def _minimum(streams: _Streams, offset_s: float, drift: float) -> _Minimum:
-    fit = _explained(streams.t1, streams.signal, streams.at(offset_s, drift), streams.wanted)
-    return _Minimum(offset_s, drift, *fit)
 
 
 def _result(streams: _Streams, minima: list[_Minimum], search_s: float, worst_ms: float) -> TimeOffset:
@@ -285,7 +273,7 @@ def _result(streams: _Streams, minima: list[_Minimum], search_s: float, worst_ms
         reason = f"the offset lies at the end of the search (+-{search_s:g} s): search wider"
     else:
         reason = "the offset is known to {value:.2f} ms only: wiggle faster or longer"
-        assessment = limit(1e3 * sigma_s, 1.0, worst_ms, reason)
+        assessment = limits((1e3 * sigma_s, min(1.0, worst_ms), worst_ms, reason))
     assessment = assessment or Assessment((reason,))
     if assessment.refusals:
         return TimeOffset(assessment, explained=explained, used=count)
@@ -310,17 +298,6 @@ def _period_s(streams: _Streams, minima: list[_Minimum], independent: float) -> 
         if other.cost < least and abs(other.offset_s - best.offset_s) > 2 * _GRID_S
     ]
     return min(periods, default=None)
-
-
-def _explained(t1: Array, signal: Array, at: Array, wanted: Array) -> tuple[float, float, float]:
-    """Return the residual sum of squares, the gain, and one sigma of the residual, at the best fit."""
-    seen = np.interp(at, t1, signal)
-    centred, goal = seen - seen.mean(), wanted - wanted.mean()
-    power = float(centred @ centred)
-    gain = float(centred @ goal) / power if power > 1e-12 else 0.0
-    rest = goal - gain * centred
-    cost = float(rest @ rest)
-    return cost, gain, float(np.sqrt(cost / max(len(at) - 3, 1)))
 
 
 def _valleys(costs: Array) -> list[int]:

@@ -8,6 +8,12 @@ from enum import StrEnum
 from typing import TypeVar
 
 T = TypeVar("T")
+Limit = tuple[float, float, float, str] | tuple[float, float, float, str, str]
+"""A value, its limits of good and of usable, and the reason if it exceeds one, containing `{value}`.
+
+The limits are upper ones unless that of usable is the smaller one. The last entry names the
+value, containing `{value}`; by default it is the reason up to its first colon, semicolon or "only".
+"""
 _NAMED = 3
 """Most ids that a line of counted reasons names."""
 
@@ -101,29 +107,19 @@ def sift(
     return kept, rejected
 
 
-def limit(value: float, weak_above: float, refuse_above: float, text: str, what: str = "") -> Assessment:
-    """Assess a value that should be small; NaN is refused.
-
-    text: the reason, containing `{value}`. what: the value in words, containing `{value}`; by default the
-    text up to its first colon, semicolon or "only".
-    """
-    return _compared(value, weak_above, refuse_above, text, what, "at most")
-
-
-def floor(value: float, weak_below: float, refuse_below: float, text: str, what: str = "") -> Assessment:
-    """Assess a value that should be large; NaN is refused. text, what: see `limit`."""
-    return _compared(value, weak_below, refuse_below, text, what, "at least")
-
-
-def _compared(value: float, good: float, usable: float, text: str, what: str, bound: str) -> Assessment:
-    sense = 1.0 if bound == "at most" else -1.0
-    said = text.format(value=value)
-    refused, weak = not sense * value <= sense * usable, not sense * value <= sense * good
-    verdict = Verdict.REFUSED if refused else Verdict.WEAK if weak else Verdict.GOOD
-    named = what.format(value=value) or re.split("[:;]| only", said, maxsplit=1)[0]
-    good_text, usable_text = (f"{bound} {e:.3g}" if math.isfinite(e) else "any" for e in (good, usable))
-    check = Check(named, good_text, usable_text, verdict)
-    return Assessment((said,) if refused else (), (said,) if weak and not refused else (), (check,))
+def limits(*rows: Limit) -> Assessment:
+    """Assess values by their limits; NaN is refused. rows: see `Limit`."""
+    total = Assessment()
+    for value, good, usable, text, *what in rows:
+        said = text.format(value=value)
+        bound, sense = ("at most", 1.0) if usable >= good else ("at least", -1.0)
+        refused, weak = not sense * value <= sense * usable, not sense * value <= sense * good
+        verdict = Verdict.REFUSED if refused else Verdict.WEAK if weak else Verdict.GOOD
+        named = what[0].format(value=value) if what else re.split("[:;]| only", said, maxsplit=1)[0]
+        good_text, usable_text = (f"{bound} {e:.3g}" if math.isfinite(e) else "any" for e in (good, usable))
+        check = Check(named, good_text, usable_text, verdict)
+        total += Assessment((said,) if refused else (), (said,) if weak and not refused else (), (check,))
+    return total
 
 
 def rests_on(what: str, doubts: tuple[str, ...]) -> Assessment:

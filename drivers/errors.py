@@ -38,7 +38,14 @@ class StaleFrameError(DeviceError):
 
 
 class DamagedFrameError(DeviceError):
-    """An image arrived truncated or corrupted; the rest of its stream may still be good."""
+    """An image arrived truncated or corrupted; the rest of its stream may still be good.
+
+    kind: name of the counter of such images.
+    """
+
+    def __init__(self, message: str, kind: str = "damaged") -> None:
+        super().__init__(message)
+        self.kind = kind
 
 
 class ProtectiveStopError(DeviceError):

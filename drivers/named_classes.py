@@ -10,9 +10,8 @@ import re
 import sys
 import sysconfig
 import traceback
-from dataclasses import dataclass
 from functools import cache
-from importlib.metadata import entry_points
+from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import Any
 
@@ -32,29 +31,17 @@ LONGEST_MESSAGE, LONGEST_LINE = 200, 80
 """Longest shown text of an exception and line of code, in characters; longer ones are cut."""
 
 
-@dataclass(frozen=True, slots=True)
-class InstalledClass:
-    """A class of an installed package. name: to give on the command line. target: `package.module:Class`."""
-
-    name: str
-    target: str
-    distribution: str
-
-
 def is_class_name(name: str) -> bool:
     """Whether a name has the form `package.module:Class`."""
     return re.fullmatch(CLASS_NAME, name) is not None
 
 
-def installed_classes(group: str) -> tuple[InstalledClass, ...]:
-    """Return the classes that installed packages offer in an entry-point group; nothing is imported."""
-    found = sorted(entry_points(group=group), key=lambda point: (point.name, point.value))
-    return tuple(
-        InstalledClass(
-            point.name, point.value, "" if point.dist is None else f"{point.dist.name} {point.dist.version}"
-        )
-        for point in found
-    )
+def installed_classes(group: str) -> list[EntryPoint]:
+    """Return the classes that installed packages offer in an entry-point group; nothing is imported.
+
+    name: to give on the command line. value: `package.module:Class`.
+    """
+    return sorted(entry_points(group=group), key=lambda point: (point.name, point.value))
 
 
 def raised_text(error: BaseException) -> str:
@@ -102,7 +89,7 @@ def named_class(name: str, what: str, group: str | None = None) -> type[Any]:
 def _target(name: str, what: str, group: str) -> str:
     if is_class_name(name):
         return name
-    targets = {found.target for found in installed_classes(group) if found.name == name}
+    targets = {found.value for found in installed_classes(group) if found.name == name}
     if len(targets) > 1:
         raise InputError(
             f"{what} '{name}': several installed packages offer this name; give one of "

@@ -10,37 +10,15 @@ LOWEST_REAL_TIME = 1
 """Lowest priority of the Linux policy SCHED_RR (`man 7 sched`)."""
 
 
-def ask_for_realtime() -> None:
+def ask_for_realtime() -> dict[int, int]:
     """Request the lowest real-time priority for all threads of this process and those they start later.
 
     It covers all threads, because a thread that holds the interpreter lock and gets no core blocks the
     others. Granted to root, and to users with an `rtprio` limit (/etc/security/limits.conf); otherwise
     nothing changes. Use it only for threads that sleep most of the time: they run before everything else.
     Objects that exist now are excluded from garbage collection, because a pass over them takes up to 0.1 s.
-    """
-    _come_first()
-
-
-@contextmanager
-def realtime() -> Iterator[None]:
-    """Run the block at real-time priority, with existing objects excluded from garbage collection.
-
-    Threads that are started in the block keep their priority.
-    """
-    before = _come_first()
-    try:
-        yield
-    finally:
-        gc.unfreeze()
-        for thread, policy in before.items():
-            _schedule(thread, policy, 0)
-
-
-def _come_first() -> dict[int, int]:
-    """Request real-time priority, and keep existing objects from garbage collection.
-
-    Returns the native ids of the interpreter's threads that had no such priority, with their scheduling
-    policies; empty if the operating system has no such priority.
+    Returns the native ids of the threads that had no such priority, with their scheduling policies; empty if
+    the operating system has no such priority.
     """
     found: dict[int, int] = {}
     if hasattr(os, "sched_getscheduler"):
@@ -53,6 +31,21 @@ def _come_first() -> dict[int, int]:
     gc.collect()
     gc.freeze()
     return found
+
+
+@contextmanager
+def realtime() -> Iterator[None]:
+    """Run the block at real-time priority, with existing objects excluded from garbage collection.
+
+    Threads that are started in the block keep their priority.
+    """
+    before = ask_for_realtime()
+    try:
+        yield
+    finally:
+        gc.unfreeze()
+        for thread, policy in before.items():
+            _schedule(thread, policy, 0)
 
 
 def _schedule(thread: int, policy: int, priority: int) -> None:

@@ -1,5 +1,6 @@
 """Immutable values of the device interfaces. SI units, unless the name states another unit."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import Enum, StrEnum
@@ -17,7 +18,6 @@ from drivers.values import (
     require_integer,
     require_number,
     require_numbers,
-    require_pose,
     require_type,
     short_repr,
 )
@@ -30,6 +30,8 @@ BEYOND_SHARE = 0.02
 """Share of the fingers' stroke by which a reported opening may lie outside the range: 3 mm of 155 mm."""
 LARGEST_OPENING_M = 1.0
 """Largest absolute opening of a valid state; it rejects millimetres and counts in place of metres."""
+_UNIT_TOLERANCE = 0.01
+"""How far from 1 the norm of a quaternion may be."""
 _TILT_M = 1e-9
 """Least change of a measured opening per step, so that the table can be inverted."""
 
@@ -42,7 +44,7 @@ class Pose:
     quaternion_xyzw: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0)
 
     @classmethod
-    def from_rotation(cls, position_m: NDArray[np.float64] | Vector3, rotation: "Rotation") -> "Pose":
+    def from_rotation(cls, position_m: NDArray[np.floating] | Vector3, rotation: "Rotation") -> "Pose":
         """Build a pose from a position in m and a scipy rotation."""
         x, y, z = (float(v) for v in position_m)
         qx, qy, qz, qw = (float(v) for v in rotation.as_quat(canonical=True))
@@ -70,6 +72,11 @@ class Pose:
         """Return how far another pose is away: its position in m, and its orientation in rad."""
         straight = float(np.linalg.norm(np.subtract(other.position_m, self.position_m)))
         return straight, float((self.rotation.inv() * other.rotation).magnitude())
+
+    def is_near(self, other: "Pose", most_m: float, most_rad: float) -> bool:
+        """Whether another pose is at most this far away."""
+        off_m, off_rad = self.apart(other)
+        return off_m <= most_m and off_rad <= most_rad
 
     def translated(self, x_m: float = 0.0, y_m: float = 0.0, z_m: float = 0.0) -> "Pose":
         """Return this pose moved along the parent's axes."""
@@ -339,7 +346,10 @@ class GripperSpec:
 def _require_pose(what: str, pose: object) -> None:
     if not isinstance(pose, Pose):
         raise invalid(what, pose, "a Pose")
-    require_pose(what, pose.position_m, pose.quaternion_xyzw)
+    require_numbers(f"{what} position_m", pose.position_m, 3)
+    require_numbers(f"{what} quaternion_xyzw", pose.quaternion_xyzw, 4)
+    if not abs(math.hypot(*pose.quaternion_xyzw) - 1.0) < _UNIT_TOLERANCE:
+        raise invalid(f"{what} quaternion_xyzw", pose.quaternion_xyzw, "a quaternion of norm 1")
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -6,7 +6,6 @@ would switch off every check that reads it. Cost: 7 us for a state of the arm, 2
 start without it.
 """
 
-import math
 import sys
 from dataclasses import fields
 from typing import Any
@@ -16,8 +15,6 @@ from drivers.errors import InvalidStateError
 Vector3 = tuple[float, float, float]
 Vector6 = tuple[float, float, float, float, float, float]
 _LARGEST = sys.float_info.max
-_UNIT_TOLERANCE = 0.01
-"""How far from 1 the norm of a quaternion may be."""
 _ROUNDING = 1e-6
 """Rounding error by which a fraction may exceed 1."""
 _SHOWN = 100
@@ -34,14 +31,6 @@ def require_numbers(what: str, values: object, count: int) -> None:
     """
     if not (isinstance(values, tuple) and len(values) == count and all(map(_is_number, values))):
         raise invalid(what, values, f"a tuple of {count} finite numbers")
-
-
-def require_pose(what: str, position_m: object, quaternion_xyzw: object) -> None:
-    """Raise `InvalidStateError` unless a position is finite and a quaternion has norm 1."""
-    require_numbers(f"{what} position_m", position_m, 3)
-    require_numbers(f"{what} quaternion_xyzw", quaternion_xyzw, 4)
-    if not abs(math.hypot(*quaternion_xyzw) - 1.0) < _UNIT_TOLERANCE:  # type: ignore[misc]
-        raise invalid(f"{what} quaternion_xyzw", quaternion_xyzw, "a quaternion of norm 1")
 
 
 def require_number(what: str, value: object, low: float = -_LARGEST, high: float = _LARGEST) -> None:

@@ -79,7 +79,7 @@ def capture_hand_eye(
             before = bench.arm.state().base_T_tcp
             frame = _captured_since(bench, bench.clock.now_ns())
             after = bench.arm.state().base_T_tcp
-            if _moved(before, after):
+            if not before.is_near(after, _STILL_M, _STILL_RAD):
                 raise DeviceTimeoutError(
                     f"arm: moved while picture {name} was taken; is a person guiding it?"
                 )
@@ -102,7 +102,7 @@ def wait_until_still(bench: Bench) -> None:
     while bench.clock.now_ns() < deadline:
         bench.clock.sleep_until(bench.clock.now_ns() + to_ns(SETTLE_S))
         now = bench.arm.state().base_T_tcp
-        if not _moved(before, now):
+        if before.is_near(now, _STILL_M, _STILL_RAD):
             return
         before = now
     raise DeviceTimeoutError(
@@ -122,11 +122,6 @@ def _captured_since(bench: Bench, time_ns: int) -> Frame:
     raise DeviceTimeoutError(
         f"{bench.camera.serial}: {_MOST_EARLIER} frames from before the arm stood still; is its clock right?"
     )
-
-
-def _moved(one: Pose, other: Pose) -> bool:
-    off_m, off_rad = one.apart(other)
-    return off_m > _STILL_M or off_rad > _STILL_RAD
 
 
 FRAME_AGE_S = 0.25

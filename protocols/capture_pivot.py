@@ -5,7 +5,6 @@ tip is not known yet.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -32,26 +31,18 @@ Nudge = Callable[[str], Vector3 | None]
 """Asks the person at the bench for the tip's remaining displacement, m, base axes; None when it sits."""
 
 
-@dataclass(frozen=True, slots=True)
-class PivotCapture:
-    """A pose of the tool with its tip in the hole."""
-
-    id: str
-    base_T_tcp: Pose  # noqa: N815 - frame names keep their case
-
-
 def capture_pivot(
     bench: Bench,
     tilts: Sequence[Rotation],
     nudge: Nudge,
-    keep: Callable[[PivotCapture], Vector3 | None],
+    keep: Callable[[str, Pose], Vector3 | None],
     skipped: Callable[[str, str], None],
 ) -> None:
     """Seat the tip at each tilt (rotations of the tool from its start pose, about the base's axes).
 
-    keep: receives a seated pose and returns the estimated tip in the TCP's frame, m, or None while it is
-    unknown; the better the estimate, the closer to the hole the next turn ends. skipped: receives the id and
-    the reason of a pose that was not captured. On any error, and on a stop, the arm stops.
+    keep: receives id and seated pose of the TCP, and returns the estimated tip in the TCP's frame, m, or None
+    while it is unknown; the better the estimate, the closer to the hole the next turn ends. skipped: receives
+    the id and the reason of a pose that was not captured. On any error, and on a stop, the arm stops.
     """
     try:
         start = bench.arm.state().base_T_tcp
@@ -73,7 +64,7 @@ def capture_pivot(
                 continue
             wait_until_still(bench)
             pose = bench.arm.state().base_T_tcp
-            tip = keep(PivotCapture(name, pose)) or tip
+            tip = keep(name, pose) or tip
             hole = pose.rotation.apply(tip) + np.asarray(pose.position_m)
         _rise(bench)
     except BaseException:

@@ -1,12 +1,11 @@
 """Deliver the frames of all sensors to the observer, those of the fingertips in order of capture.
 
-Also verify that the contacts disappear when the fingers open (`Contact`).
+Also verify that the contacts disappear when the fingers open (`LEFT_SHARE`).
 """
 
 from collections import deque
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -39,26 +38,11 @@ DARK = 10.0
 LEFT_SHARE = 0.6
 """Largest fraction of its imprint that may remain after a release. Measured on hard simulated lifts with
 drifting light and gels that keep a print: at most 0.44 after 45 releases, at least 0.76 in 9 lifts whose
-fingers did not open."""
+fingers did not open.
 
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Contact:
-    """A contact of one fingertip. untouched: mean imprint before it. held: before the fingers opened.
-
-    The contact detection that stops the closing compares a frame with one from before the grasp. After
-    several seconds of drifting light it may report contact on an untouched gel. A release is therefore
-    verified with the imprint of this contact: the fine structure that appeared with it must disappear when
-    the fingers open.
-    """
-
-    serial: str
-    untouched: Imprint
-    held: Imprint
-
-    def is_in(self, now: Imprint) -> bool:
-        """Whether an image still shows this contact."""
-        return share_left(self.untouched, self.held, now) > LEFT_SHARE
+The contact detection that stops the closing compares a frame with one from before the grasp. After several
+seconds of drifting light it may report contact on an untouched gel. A release is therefore verified with the
+imprint of its contact: the fine structure that appeared with it must disappear when the fingers open."""
 
 
 def imprint(image: Image) -> Imprint:
@@ -134,20 +118,21 @@ class Pump:
         """The time up to which all frames of the fingertips have been delivered, at most now."""
         return min(self._bench.clock.now_ns(), *(tip.next_ns for tip in self._tips))
 
-    def contacts(self) -> list[Contact]:
-        """Return the contact that each fingertip shows now, compared with its first frames."""
-        return [
-            Contact(tip.source.serial, tip.untouched_imprint(), tip.newest_imprint()) for tip in self._tips
-        ]
+    def contacts(self) -> list[tuple[Imprint, Imprint]]:
+        """Return the contact of each fingertip: the imprint of its first frames, and that of its newest."""
+        return [(tip.untouched_imprint(), tip.newest_imprint()) for tip in self._tips]
 
     def contact_strength(self) -> float:
         """Return how strongly both gels are deformed now, compared with their first frames, as a norm."""
         return float(np.sqrt(sum(tip.contact_energy() for tip in self._tips)))
 
-    def still_shown(self, contacts: Sequence[Contact]) -> list[str]:
+    def still_shown(self, contacts: Sequence[tuple[Imprint, Imprint]]) -> list[str]:
         """Return the serials of the fingertips that still show one of these contacts."""
-        pairs = zip(self._tips, contacts, strict=True)
-        return [contact.serial for tip, contact in pairs if contact.is_in(tip.newest_imprint())]
+        return [
+            tip.source.serial
+            for tip, (untouched, held) in zip(self._tips, contacts, strict=True)
+            if share_left(untouched, held, tip.newest_imprint()) > LEFT_SHARE
+        ]
 
     def run_for(self, duration_s: float, unless: Callable[[], bool] = lambda: False) -> bool:
         """Deliver all frames captured in the next `duration_s`; return after the last one is delivered.

@@ -8,9 +8,9 @@ from typing import Protocol
 from drivers.bench import Bench
 from drivers.clock import to_ns
 from drivers.interfaces import Motion
-from protocols.fingers import MOTION_TIMEOUT_S, move_fingers
 from protocols.observer import LiftEvents, ReactionStep
 from protocols.pump import Pump
+from protocols.steps import MOTION_TIMEOUT_S, move_fingers
 
 MOST_REACTIONS = 8
 """Most reactions in one lift. The last one ends the lift: an object that still slips is lifted no higher."""

@@ -10,11 +10,9 @@ from dataclasses import replace
 from drivers.bench import Bench
 from drivers.errors import GripperFaultError
 from drivers.types import BASIC_MODE, HandState, Holding
-from protocols.fingers import move_fingers
-from protocols.home import go_home
 from protocols.operator import Operator
 from protocols.safe_end import is_above, is_around, safe_end
-from protocols.steps import CLEARANCE_M, LOWER_SPEED_M_S, MOTION_TIMEOUT_S, move
+from protocols.steps import CLEARANCE_M, LOWER_SPEED_M_S, MOTION_TIMEOUT_S, go_home, move, move_fingers
 
 OPEN_M = 0.002
 """Fingers closed by at most this from fully open, m, hold nothing: three steps of a Robotiq 3-Finger."""
@@ -27,7 +25,7 @@ def make_ready(bench: Bench, operator: Operator, after_fault: bool = False) -> N
     """Release a protective stop, free the hand, activate the gripper in basic mode, go home: each if needed.
 
     After a fault, and if an object may be in the hand, a person at the bench is asked. Activation is asked
-    for because the fingers sweep their range. The motion home is part of the agreed plan (`protocols.home`).
+    for because the fingers sweep their range. The motion home is part of the agreed plan (`home_plan`).
     If it ends early, the arm stays where it is.
     """
     free_hand(bench, operator, after_fault)

@@ -6,7 +6,7 @@ Also by hand: a person presses the object onto each gel in turn; no arm and no g
 from dataclasses import dataclass
 from typing import Protocol
 
-from drivers.bench import Bench, Fingertip
+from drivers.bench import Bench
 from drivers.types import Pose
 from protocols.observer import LiftEvents, LiftObserver
 from protocols.operator import Operator
@@ -21,10 +21,13 @@ CAPTURE_TIMEOUT_S = 4.0
 
 
 class CaptureObserver(LiftObserver, Protocol):
-    """An observer that captures images on request."""
+    """An observer that captures images that show contact, on request."""
 
-    def want(self, images: int, grip_steps: int) -> None:
-        """Capture this many more images, at a grip of `grip_steps` steps beyond first contact."""
+    def want(self, images: int, grip_steps: int | None = None, serial: str | None = None) -> None:
+        """Capture this many more images. grip_steps: steps beyond first contact, None if pressed by hand.
+
+        serial: of the only fingertip that is pressed; None for all.
+        """
 
     def satisfied(self) -> bool:
         """Whether all requested images have been captured."""
@@ -75,17 +78,6 @@ HAND_TIMEOUT_S = 20.0
 """Time for one question in which all its images must show contact."""
 
 
-class HandObserver(LiftEvents, Protocol):
-    """An observer that captures images of one fingertip on request."""
-
-    def want_of(self, serial: str, images: int) -> None:
-        """Capture this many more images of a fingertip that show contact."""
-
-    def satisfied(self) -> bool:
-        """Whether all requested images have been captured."""
-        ...
-
-
 @dataclass(frozen=True, slots=True)
 class HandPose:
     """One pose to record by hand.
@@ -103,14 +95,6 @@ class HandPose:
     base_T_grasp: Pose  # noqa: N815 - frame names keep their case
     opening_m: float
 
-    def question(self, tip: Fingertip) -> str:
-        """Return the request to the person at a fingertip."""
-        return (
-            f"Press object {self.object_id} ({self.object_name}) at '{self.position}', turned by "
-            f"{tip.sign * self.orientation_deg:+.0f} deg (counter-clockwise in the image), onto the gel of "
-            f"{tip.sensor.serial} and hold it. Is it pressed?"
-        )
-
 
 def record_untouched(bench: Bench, operator: Operator, observer: LiftEvents) -> None:
     """Deliver frames of the gels without contact, after the person confirms that nothing touches them."""
@@ -118,16 +102,21 @@ def record_untouched(bench: Bench, operator: Operator, observer: LiftEvents) -> 
     record_reference(bench, observer)
 
 
-def record_pose_by_hand(bench: Bench, operator: Operator, pose: HandPose, observer: HandObserver) -> None:
+def record_pose_by_hand(bench: Bench, operator: Operator, pose: HandPose, observer: CaptureObserver) -> None:
     """Ask the person to press the object onto one gel after the other, and capture images; nothing is moved.
 
     Raises `OperatorStopError` if the person declines, `DeviceTimeoutError` if no image shows contact.
     """
     for number, tip in enumerate(bench.fingertips):
         share, rest = divmod(pose.images, len(bench.fingertips))
-        operator.hold(pose.question(tip), pose.object_id, pose.base_T_grasp, pose.opening_m)
+        question = (
+            f"Press object {pose.object_id} ({pose.object_name}) at '{pose.position}', turned by "
+            f"{tip.sign * pose.orientation_deg:+.0f} deg (counter-clockwise in the image), onto the gel of "
+            f"{tip.sensor.serial} and hold it. Is it pressed?"
+        )
+        operator.hold(question, pose.object_id, pose.base_T_grasp, pose.opening_m)
         pump = Pump(bench, observer)
         pump.start()
-        observer.want_of(tip.sensor.serial, share + (number < rest))
+        observer.want(share + (number < rest), serial=tip.sensor.serial)
         missed = f"the images of {tip.sensor.serial} with contact were not captured"
         pump.run_until(observer.satisfied, HAND_TIMEOUT_S, missed)

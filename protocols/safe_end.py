@@ -70,8 +70,8 @@ def halt(bench: Bench) -> str:
 def is_above(pose: Pose, base_T_grasp: Pose) -> bool:  # noqa: N803
     """Whether the TCP is straight above a grasp, with the same orientation."""
     above_m = pose.position_m[2] - base_T_grasp.position_m[2]
-    beside_m, turn_rad = pose.translated(z_m=-above_m).apart(base_T_grasp)
-    return beside_m <= BESIDE_M and turn_rad <= TURNED_RAD and above_m >= -BESIDE_M
+    beside = pose.translated(z_m=-above_m)
+    return above_m >= -BESIDE_M and beside.is_near(base_T_grasp, BESIDE_M, TURNED_RAD)
 
 
 def is_around(pose: Pose, hand: HandState) -> bool:

@@ -3,20 +3,72 @@
 Downward motions stop at contact: force and gripper are monitored. The constructors of the states reject NaN
 and other invalid values (`drivers.types`), and their error stops the motion; so no comparison here is false
 because of NaN.
+
+If a gripper is blocked, reports success without moving, or moves too far, the arm must not move with an
+object in the fingers. So every finger motion ends with a comparison of the reached position with the
+requested one, and every release with a check of the tactile images.
 """
 
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
 
 from drivers.bench import Bench
-from drivers.errors import ContactForceError, FingerMotionError, GraspError, OutOfLimitsError
+from drivers.clock import to_ns
+from drivers.errors import ContactForceError, DeviceError, FingerMotionError, GraspError, OutOfLimitsError
 from drivers.interfaces import Motion
 from drivers.motion import PolledMotion, check_way
 from drivers.types import ArmState, GripperSpec, GripperState, HandState, Holding, Pose
-from protocols.fingers import MOTION_TIMEOUT_S, doubt_hand, move_fingers, release, wait_with
 from protocols.observer import LiftObserver, Phase
 from protocols.pump import Pump
+
+TRAVEL_SPEED_M_S = 0.25
+LOWER_SPEED_M_S = 0.10
+ACCELERATION_M_S2 = 1.0
+"""Speed of travel, speed of setting down, and acceleration of all motions."""
+CLEARANCE_M = 0.10
+"""Height above the grasp from which the hand approaches, and to which it retreats."""
+LEVEL_M = 0.001
+"""A hand that is at most this much too low does not rise first."""
+MARGIN_M = 0.003
+"""Gap on each side between finger and object before the step-by-step closing begins."""
+STEP_SETTLE_S = 0.05
+"""Time for the gels to settle after a closing step."""
+FIRMER = 1.02
+"""Smallest ratio of `Pump.contact_strength` after the last step of tightening to before it. Measured in 36
+simulated lifts that tighten by 2 to 6 steps of 0.62 mm, half of them on the hard bench: at least 1.046; 0.99
+to 1.01 while the fingers do not move."""
+FIRMER_STEP_M = 0.0006
+"""End of the tightening over which that ratio is measured, m: one step of a Robotiq 3-Finger."""
+FIRMER_PARTS = 2
+"""Fewest such steps of tightening for which that ratio is required: the smallest that was measured."""
+MOST_CLOSING_M = 0.015
+"""Longest closing in search of the object, m, unless the caller asks for more."""
+MOTION_TIMEOUT_S = 15.0
+"""Time limit of a motion of arm or fingers."""
+REACHED_M = 0.002
+"""Tolerance of a reached opening, m: a third of the 6 mm by which a release opens wider than the object
+(2 x `MARGIN_M`), so fingers within this tolerance do not touch the object. Three steps of a Robotiq
+3-Finger."""
+STILL_M, STILL_STEPS = 0.001, 2
+"""Largest change of the opening of fingers that stand still, m, but at least this number of steps:
+noise of the reading. A grip of 1.9 mm (that of a wrench) still holds if opening fingers are stopped there."""
+_ROUNDING_M = 1e-9
+"""Rounding error of an opening, far below any gripper's resolution."""
+RELEASE_S = 1.0
+"""Longest time from an opening until the imprint of the contact must be gone: a gel recovers slowly."""
+_THERE_M, _THERE_RAD = 1e-3, 5e-3
+"""Largest distances from a pose at which the arm counts as being there."""
+
+
+def move(bench: Bench, target: Pose, speed_m_s: float) -> Motion:
+    """Start a straight motion with ACCELERATION_M_S2; return it. Downward motions are guarded."""
+    before = bench.arm.state()
+    motion = bench.arm.move_linear(target, speed_m_s, ACCELERATION_M_S2)
+    if target.position_m[2] >= before.base_T_tcp.position_m[2] - LEVEL_M:
+        return motion
+    return guarded(bench, motion, before)
 
 
 def guarded(bench: Bench, motion: Motion, before: ArmState) -> Motion:
@@ -50,28 +102,98 @@ def guarded(bench: Bench, motion: Motion, before: ArmState) -> Motion:
     return PolledMotion("arm", bench.clock, has_ended, bench.arm.stop)
 
 
-TRAVEL_SPEED_M_S = 0.25
-LOWER_SPEED_M_S = 0.10
-ACCELERATION_M_S2 = 1.0
-"""Speed of travel, speed of setting down, and acceleration of all motions."""
-CLEARANCE_M = 0.10
-"""Height above the grasp from which the hand approaches, and to which it retreats."""
-LEVEL_M = 0.001
-"""A hand that is at most this much too low does not rise first."""
-MARGIN_M = 0.003
-"""Gap on each side between finger and object before the step-by-step closing begins."""
-STEP_SETTLE_S = 0.05
-"""Time for the gels to settle after a closing step."""
-FIRMER = 1.02
-"""Smallest ratio of `Pump.contact_strength` after the last step of tightening to before it. Measured in 36
-simulated lifts that tighten by 2 to 6 steps of 0.62 mm, half of them on the hard bench: at least 1.046; 0.99
-to 1.01 while the fingers do not move."""
-FIRMER_STEP_M = 0.0006
-"""End of the tightening over which that ratio is measured, m: one step of a Robotiq 3-Finger."""
-FIRMER_PARTS = 2
-"""Fewest such steps of tightening for which that ratio is required: the smallest that was measured."""
-MOST_CLOSING_M = 0.015
-"""Longest closing in search of the object, m, unless the caller asks for more."""
+def wait_with(pump: Pump | None, motion: Motion, mover: str) -> None:
+    """Wait for the end of a motion, while frames are delivered if there is a pump.
+
+    mover: "the arm" or "the fingers". Raises `DeviceTimeoutError` after `MOTION_TIMEOUT_S`.
+    """
+    if pump is None:
+        motion.wait(MOTION_TIMEOUT_S)
+    else:
+        pump.run_until(motion.done, MOTION_TIMEOUT_S, f"{mover} did not end the motion")
+
+
+def move_fingers(bench: Bench, opening_m: float, pump: Pump | None = None) -> GripperState:
+    """Move the fingers and verify that they arrived; return the gripper's state at the end.
+
+    opening_m: distance between the fingertips. pump: delivers frames during the motion. Closing fingers may
+    stop early at an object that resists with the gripper's force (`GripperState.gripping`). For any other
+    position outside `REACHED_M`, the gripper is stopped and `FingerMotionError` is raised: a Robotiq gripper
+    whose finger met an obstacle ignores further commands in the same direction until rGTO is cleared (manual,
+    OBJECT STATUS). If the hand held an object and its fingers opened less than requested, it counts as still
+    holding it. After any other failed opening its state becomes unknown. Afterwards the pump compares the
+    opening with the reached one, until the next motion.
+    """
+    opens = opening_m > bench.gripper.state().opening_m
+    if pump is not None:
+        pump.expect_fingers(None)
+    wait_with(pump, bench.gripper.move_to(opening_m), "the fingers")
+    reached = bench.gripper.state()
+    problem = _problem(reached, opening_m, opens, bench.gripper.spec)
+    if problem is None:
+        if pump is not None:  # fingers that stopped at an object close further if it gives way
+            slack_m = max(STILL_M, STILL_STEPS * bench.gripper.spec.resolution_m) + _ROUNDING_M
+            low_m, high_m = sorted((reached.opening_m, opening_m))
+            pump.expect_fingers((low_m - slack_m, high_m + slack_m))
+        return reached
+    with suppress(DeviceError):  # the error below is more informative
+        bench.gripper.stop()
+    fell_short = opens and reached.opening_m < opening_m
+    if opens and not (fell_short and bench.hand.state.holding is Holding.HELD):
+        doubt_hand(bench, f"the fingers {problem}")
+    raise FingerMotionError(
+        f"gripper: the fingers {problem} (tolerance {1e3 * tolerance_m(bench.gripper.spec):.1f} mm): they "
+        "are blocked, or the gripper does not execute its commands; the arm stays where it is. Check what "
+        "is between the fingers and around them, then start again"
+    )
+
+
+def release(bench: Bench, opening_m: float, pump: Pump) -> GripperState:
+    """Open the fingers as `move_fingers` does, and wait until no fingertip shows the contact any more.
+
+    Raises `FingerMotionError` after `RELEASE_S`; the state of the hand is then unknown, because the object
+    may stick to a fingertip, or the gripper may report a position that its fingers do not have.
+    """
+    contacts = pump.contacts()
+    reached = move_fingers(bench, opening_m, pump)
+    end_ns = bench.clock.now_ns() + to_ns(RELEASE_S)
+    pump.run_until(
+        lambda: not pump.still_shown(contacts) or bench.clock.now_ns() >= end_ns,
+        MOTION_TIMEOUT_S,
+        "the frames after the release were not processed",
+    )
+    if touched := pump.still_shown(contacts):
+        where = f"{' and '.join(touched)} still in contact after the fingers opened"
+        doubt_hand(bench, where)
+        raise FingerMotionError(
+            f"gripper: {where}: the object may stick to a finger, or the fingers did not open; the arm stays "
+            "where it is. Check what the fingers hold, free it, then start again"
+        )
+    return reached
+
+
+def doubt_hand(bench: Bench, why: str) -> None:
+    """Set the hand's state to unknown, and keep the pose at which it last closed."""
+    bench.hand.note(replace(bench.hand.state, holding=Holding.UNKNOWN, what=why))
+
+
+def tolerance_m(spec: GripperSpec) -> float:
+    """Return the tolerance of a reached opening, m: `REACHED_M`, at least one step of this gripper."""
+    return max(REACHED_M, spec.resolution_m)
+
+
+def _problem(state: GripperState, opening_m: float, opens: bool, spec: GripperSpec) -> str | None:
+    """Describe how the fingers missed their target; None if they reached it."""
+    off_m = state.opening_m - opening_m
+    if abs(off_m) > tolerance_m(spec) + _ROUNDING_M:
+        short = (off_m < 0) == opens
+        if short and not opens and state.gripping:
+            return None
+        what = "stopped at" if short else "went too far, to"
+        return f"{what} {1e3 * state.opening_m:.1f} instead of {1e3 * opening_m:.1f} mm"
+    if opens and state.obstructed:
+        return f"met an obstacle while opening to {1e3 * opening_m:.1f} mm"
+    return None
 
 
 def require_room(spec: GripperSpec, width_m: float) -> None:
@@ -223,10 +345,37 @@ def _rise_to(bench: Bench, height_m: float, speed_m_s: float = LOWER_SPEED_M_S) 
         move(bench, pose.translated(z_m=rise_m), speed_m_s).wait(MOTION_TIMEOUT_S)
 
 
-def move(bench: Bench, target: Pose, speed_m_s: float) -> Motion:
-    """Start a straight motion with ACCELERATION_M_S2; return it. Downward motions are guarded."""
-    before = bench.arm.state()
-    motion = bench.arm.move_linear(target, speed_m_s, ACCELERATION_M_S2)
-    if target.position_m[2] >= before.base_T_tcp.position_m[2] - LEVEL_M:
-        return motion
-    return guarded(bench, motion, before)
+def home_plan(base_T_home: Pose, when: str) -> str:  # noqa: N803
+    """Describe the motion home, for the plan that a person agrees to. when: such as "Before each lift"."""
+    x, y, z = base_T_home.position_m
+    return (
+        f"{when} the arm goes home at up to {TRAVEL_SPEED_M_S} m/s: straight up, across, then down to "
+        f"({x:.3f}, {y:.3f}, {z:.3f}) m."
+    )
+
+
+def go_home(bench: Bench) -> None:
+    """Move a free hand home from any pose: straight up, across, down. If the arm is at home, nothing moves.
+
+    The arm moves across at the height of home, or at its own height if that is higher, and never lower than
+    `CLEARANCE_M` above the table. Raises `OutOfLimitsError` before anything moves if the path leaves the
+    workspace.
+    """
+    here, home = bench.arm.state().base_T_tcp, bench.base_T_home
+    if here.is_near(home, _THERE_M, _THERE_RAD):
+        return
+    top = max(pose.position_m[2] for pose in (here, home, bench.base_T_table.translated(z_m=CLEARANCE_M)))
+    way = (*(pose.translated(z_m=top - pose.position_m[2]) for pose in (here, home)), home)
+    limits = bench.arm.limits
+    for pose in way:
+        if not limits.has_inside(pose.position_m):
+            low, high = limits.workspace_min_m, limits.workspace_max_m
+            raise OutOfLimitsError(
+                f"arm: the path home leads through {pose.position_m} m, outside {low} to {high} m; "
+                "bring the arm inside with the pendant, then start again"
+            )
+    check_way(limits, (here, *way))
+    for pose in way:
+        if not here.is_near(pose, _THERE_M, _THERE_RAD):
+            move(bench, pose, TRAVEL_SPEED_M_S).wait(MOTION_TIMEOUT_S)
+            here = pose

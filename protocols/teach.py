@@ -10,11 +10,17 @@ from drivers.clock import to_ns
 from drivers.errors import OperatorStopError, OutOfLimitsError, ProtectiveStopError
 from drivers.motion import POLL_S
 from drivers.types import ArmMode, HandState, Holding, Pose
-from protocols.fingers import move_fingers
 from protocols.observer import LiftObserver
 from protocols.operator import Operator
 from protocols.safe_end import safe_end
-from protocols.steps import MOTION_TIMEOUT_S, close_to_contact, guarded, open_around, start_watching
+from protocols.steps import (
+    MOTION_TIMEOUT_S,
+    close_to_contact,
+    guarded,
+    move_fingers,
+    open_around,
+    start_watching,
+)
 
 REFERENCE_S = 0.25
 """Duration of the frames without contact before the fingers close."""

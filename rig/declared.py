@@ -33,7 +33,13 @@ def with_options(command: Callable[..., Any]) -> Callable[..., Any]:
             flat.append(parameter.replace(annotation=kind, kind=Parameter.KEYWORD_ONLY))
 
     def called(**values: Any) -> Any:
-        return command(**{name: _argument(name, kind, values) for name, kind in declared.items()})
+        given: dict[str, Any] = {}
+        for name, make in declared.items():
+            if is_dataclass(hints[name]):
+                given[name] = make(**{each.name: values[each.name] for each in fields(make)})
+            else:
+                given[name] = values[name]
+        return command(**given)
 
     set_signature(called, flat)
     called.__name__, called.__doc__ = command.__name__, command.__doc__
@@ -116,13 +122,6 @@ def _for_typer(each: Field[Any], hint: Any) -> Any:
     if make is typer.Option and not flags:
         flags = (f"--{each.name.replace('_', '-')}",)  # typer would add --no-NAME to a switch
     return Annotated[hint, make(*flags, **settings)]
-
-
-def _argument(name: str, kind: Any, values: dict[str, Any]) -> Any:
-    if not is_dataclass(kind):
-        return values[name]
-    make: Any = kind
-    return make(**{each.name: values[each.name] for each in fields(kind)})
 
 
 def file_place(path: Path | None) -> Path | None:

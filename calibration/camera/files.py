@@ -73,8 +73,8 @@ def camera_from(content: Mapping[str, Any], where: str) -> CameraModel:
     """Create a camera from a file's content. Raises `CalibrationError` naming the invalid key."""
     try:
         size = int(content["image_width"]), int(content["image_height"])
-        matrix = _array(content["camera_matrix"]).reshape(3, 3)
-        distortion = _array(content["distortion_coefficients"]).reshape(-1)
+        matrix = np.asarray(content["camera_matrix"]["data"], np.float64).reshape(3, 3)
+        distortion = np.asarray(content["distortion_coefficients"]["data"], np.float64).reshape(-1)
     except KeyError as error:
         raise CalibrationError(f"{where}: has no {error}; neither camera_info nor OpenCV layout") from error
     except (TypeError, ValueError, OverflowError) as error:
@@ -111,7 +111,3 @@ def _supported_terms(content: Mapping[str, Any], distortion: Array, where: str) 
 def _matrix(values: Array) -> dict[str, Any]:
     rows, columns = values.shape
     return {"rows": rows, "cols": columns, "data": [float(v) for v in values.ravel()]}
-
-
-def _array(node: Any) -> Array:
-    return np.asarray(node["data"], np.float64)

@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 
 from calibration.camera.model import LENS_MODELS, CameraModel, LensModel
 from calibration.targets.boards import View, coverage, outside, usable_views
-from calibration.verdict import Assessment, Rejected, floor, limit
+from calibration.verdict import Assessment, Rejected, limits
 from drivers.errors import CalibrationError, counted
 from drivers.progress import steps
 from drivers.types import Pose
@@ -290,38 +290,26 @@ def assess_camera(result: CameraFit) -> Assessment:
         text = f"all views are square-on (tilted by {largest_deg:.1f} degrees at most): {hint}"
         tilts = Assessment(refusals=(text,))
     else:
-        tilts = floor(
-            spread_deg, 20.0, 0.0, "the board's tilt varied only by {value:.1f} degrees: " + hint,
-            "the board's tilt varied by {value:.1f} degrees",
+        tilts = limits(
+            (spread_deg, 20.0, 0.0, "the board's tilt varied only by {value:.1f} degrees: " + hint,
+             "the board's tilt varied by {value:.1f} degrees"),
         )  # fmt: skip
-    return (
-        limit(
-            neighbour_correlation(result.fit), 0.4, np.inf,
-            "errors of neighbouring corners are correlated ({value:.2f}; noise: 0): focus moved, or board "
-            "bent?",
-            "correlation of the errors of neighbouring corners: {value:.2f}",
-        )
-        + tilts
-        + limit(
-            100 * focal, 0.5, 10.0,
-            "the focal length is known only to {value:.2g} %: add tilted, nearer views",
-        )
-        + limit(
-            result.held_out_rms_px / max(result.fit.rms_px, 0.02), 2.0, 10.0,
-            "held-out views have {value:.1f} times the error of fitted ones: something moved, or too few "
-            "views",
-        )
-        + limit(
-            float(projection_sigma_px(result).max()), 0.5, np.inf,
-            "projection is uncertain by up to {value:.2f} px in the picture: add nearer views, tilted by 30 "
-            "degrees, over its corners",
-        )
-        + floor(
-            covered(result), 0.6, 0.0,
-            "corners cover {value:.0%} of the picture; the lens is extrapolated elsewhere: add views there",
-        )
-        + floor(views, 10, 3, f"{counted(views, 'distinct view')}; ten to twenty are good")
-        + limit(result.noise_px, 1.0, 5.0, "corners are found only to {value:.2f} px: is the board in focus?")
+    correlated = limits(
+        (neighbour_correlation(result.fit), 0.4, np.inf,
+         "errors of neighbouring corners are correlated ({value:.2f}; noise: 0): focus moved, or board bent?",
+         "correlation of the errors of neighbouring corners: {value:.2f}"),
+    )  # fmt: skip
+    return correlated + tilts + limits(
+        (100 * focal, 0.5, 10.0, "the focal length is known only to {value:.2g} %: add tilted, nearer views"),
+        (result.held_out_rms_px / max(result.fit.rms_px, 0.02), 2.0, 10.0,
+         "held-out views have {value:.1f} times the error of fitted ones: something moved, or too few views"),
+        (float(projection_sigma_px(result).max()), 0.5, np.inf,
+         "projection is uncertain by up to {value:.2f} px in the picture: add nearer views, tilted by 30 "
+         "degrees, over its corners"),
+        (covered(result), 0.6, 0.0,
+         "corners cover {value:.0%} of the picture; the lens is extrapolated elsewhere: add views there"),
+        (views, 10, 3, f"{counted(views, 'distinct view')}; ten to twenty are good"),
+        (result.noise_px, 1.0, 5.0, "corners are found only to {value:.2f} px: is the board in focus?"),
     )  # fmt: skip
 
 

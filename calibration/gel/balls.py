@@ -18,12 +18,12 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import minimize_scalar
 
 from calibration.gel.gradient_map import GradientMap, colour_change, fit_gradient_map
 from calibration.gel.reference import check_light
-from calibration.verdict import Assessment, Rejected, floor, limit, sift
+from calibration.verdict import Assessment, Rejected, limits, sift
 from drivers.errors import CalibrationError, counted
 from drivers.types import Image
 
@@ -57,11 +57,12 @@ _NOT_ROUND = "the contact is not round, or only a small part of it is in the pic
 class Press:
     """A ball's contact. change: (H, W, 3) colour change. strength: (H, W), its size in grey levels.
 
-    centre_px: (x, y). reach_px: radius of the changed area. rim_px: radius where the change falls most
-    steeply.
+    radius_mm: of the ball. centre_px: (x, y). reach_px: radius of the changed area. rim_px: radius where the
+    change falls most steeply.
     """
 
     id: str
+    radius_mm: float
     change: NDArray[np.float32]
     strength: NDArray[np.float32]
     centre_px: tuple[float, float]
@@ -69,8 +70,8 @@ class Press:
     rim_px: float
 
 
-def find_press(image: Image, reference: NDArray[np.float32], name: str) -> Press | str:
-    """Find the one round contact in a (H, W, 3) uint8 RGB picture, or say why there is none.
+def find_press(image: Image, reference: NDArray[np.float32], name: str, radius_mm: float) -> Press | str:
+    """Find the one round contact in a (H, W, 3) uint8 RGB picture, or return why there is none.
 
     Raises `CalibrationError` for a picture of another size, or one without light.
     """
@@ -98,7 +99,7 @@ def find_press(image: Image, reference: NDArray[np.float32], name: str) -> Press
         return _NOT_ROUND
     if reach < _SMALLEST_RADIUS_PX:
         return f"the contact is {reach:.0f} px wide only: press harder"
-    return Press(name, change, strength, (x, y), reach, rim_radius(strength, (x, y), reach))
+    return Press(name, radius_mm, change, strength, (x, y), reach, rim_radius(strength, (x, y), reach))
 
 
 def rim_radius(strength: Array, centre_px: tuple[float, float], reach_px: float) -> float:
@@ -153,14 +154,6 @@ def circle_through(points: Array) -> tuple[float, float, float]:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class BallPress:
-    """A press and the ball's radius in mm."""
-
-    press: Press
-    radius_mm: float
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class BallFit:
     """The map, and its errors on held-out presses.
 
@@ -190,41 +183,36 @@ class BallFit:
         errors = self.radius_error()
         spread = np.array([abs(self.held_out_mm[i] / true - 1.0) for i, true in self.true_mm.items()])
         worst = max(abs(e) for e in errors.values())
-        assessment = limit(
-            100 * worst, 5.0, 25.0, "balls left out come out {value:.0f} % wrong in radius (median per ball)"
-        )
-        assessment += limit(
-            100 * float(np.percentile(spread, 90)), 15.0, 60.0, "one press in ten is off by {value:.0f} %"
-        )
-        assessment += limit(
-            self.null_rms, 0.03, NULL_REFUSED, "where nothing touches, the slope is {value:.3f} and not zero",
-            "slope where nothing touches: {value:.3f}",
+        tenth, few = float(np.percentile(spread, 90)), counted(len(self.true_mm), "picture")
+        assessment = limits(
+            (100 * worst, 5.0, 25.0,
+             "balls left out come out {value:.0f} % wrong in radius (median per ball)"),
+            (100 * tenth, 15.0, 60.0, "one press in ten is off by {value:.0f} %"),
+            (self.null_rms, 0.03, NULL_REFUSED,
+             "where nothing touches, the slope is {value:.3f} and not zero",
+             "slope where nothing touches: {value:.3f}"),
+            (len(self.true_mm), 20, FEWEST_PRESSES, f"{few} of presses; 30 all over the gel are good"),
         )  # fmt: skip
-        assessment += floor(
-            len(self.true_mm), 20, FEWEST_PRESSES,
-            f"{counted(len(self.true_mm), 'picture')} of presses; 30 all over the gel are good",
-        )  # fmt: skip
-        if len(errors) < 2:
-            pressed_mm = 2.0 * next(iter(errors))
-            rows, columns = self.map.shape
-            places = ", ".join(f"({x * columns:.0f}, {y * rows:.0f})" for y in _DOWN for x in _ACROSS)
-            assessment += Assessment(
-                doubts=(
-                    f"one ball diameter, {pressed_mm:g} mm: a wrong scale or diameter would go unseen; press "
-                    f"another ball, of {0.7 * pressed_mm:.0f} mm or less, at x, y = {places} px, and name "
-                    "each picture's ball in catalog.csv",
-                )
-            )
-        return assessment
+        if len(errors) > 1:
+            return assessment
+        pressed_mm = 2.0 * next(iter(errors))
+        rows, columns = self.map.shape
+        places = ", ".join(f"({x * columns:.0f}, {y * rows:.0f})" for y in _DOWN for x in _ACROSS)
+        doubt = (
+            f"one ball diameter, {pressed_mm:g} mm: a wrong scale or diameter would go unseen; press another "
+            f"ball, of {0.7 * pressed_mm:.0f} mm or less, at x, y = {places} px, and name each picture's "
+            "ball in catalog.csv"
+        )
+        return assessment + Assessment(doubts=(doubt,))
 
 
-def calibrate_gel(presses: Sequence[BallPress], mm_per_px: tuple[float, float], folds: int = 8) -> BallFit:
+def calibrate_gel(presses: Sequence[Press], mm_per_px: tuple[float, float], folds: int = 8) -> BallFit:
     """Fit the colour map to presses all over the gel; every press is left out once to check it.
 
     mm_per_px: along x and y. Raises `CalibrationError` for fewer than eight presses, or a ball
     too small for its press.
     """
-    good, rejected = sift(presses, lambda p: p.press.id, lambda p, _: _fault(p, mm_per_px))
+    good, rejected = sift(presses, lambda p: p.id, lambda p, _: _fault(p, mm_per_px))
     if len(good) < FEWEST_PRESSES:
         why = "; ".join(f"{r.id}: {r.reason}" for r in rejected[:5])
         raise CalibrationError(
@@ -233,22 +221,37 @@ def calibrate_gel(presses: Sequence[BallPress], mm_per_px: tuple[float, float], 
     for _ in range(_ROUNDS):
         fitted = _fit_to(good, mm_per_px)
         good = [_centred(press, fitted, mm_per_px) for press in good]
-    held_out, errors, nulls = _held_out(good, mm_per_px, min(folds, len(good)))
+    held_out: dict[str, float] = {}
+    errors, nulls = [], []
+    folds = min(folds, len(good))
+    for fold in range(folds):
+        fitted = _fit_to([p for i, p in enumerate(good) if i % folds != fold], mm_per_px)
+        for press in good[fold::folds]:
+            held_out[press.id] = ball_radius_mm(press, fitted, mm_per_px)
+            change, places, truth = _samples(press, mm_per_px)
+            errors.append(_rms(fitted.normals(change, places) - truth))
+            # far from the contact the normal's components should be zero
+            change, places = _untouched(press)
+            nulls.append(_rms(fitted.normals(change, places)) if len(places) else 0.0)
     return BallFit(
         _fit_to(good, mm_per_px),
         held_out,
-        {p.press.id: p.radius_mm for p in good},
-        normal_rms=float(np.sqrt(np.mean(np.square(errors)))),
-        null_rms=float(np.sqrt(np.mean(np.square(nulls)))),
-        centres_px={p.press.id: p.press.centre_px for p in good},
+        {p.id: p.radius_mm for p in good},
+        normal_rms=_rms(errors),
+        null_rms=_rms(nulls),
+        centres_px={p.id: p.centre_px for p in good},
         rejected=tuple(rejected),
     )
 
 
-def _fit_to(presses: Sequence[BallPress], mm_per_px: tuple[float, float]) -> GradientMap:
-    rows, columns = presses[0].press.strength.shape
+def _rms(values: ArrayLike) -> float:
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+def _fit_to(presses: Sequence[Press], mm_per_px: tuple[float, float]) -> GradientMap:
+    rows, columns = presses[0].strength.shape
     change, places, normals = zip(*(_samples(press, mm_per_px) for press in presses), strict=True)
-    still, away = zip(*(_untouched(press.press) for press in presses), strict=True)
+    still, away = zip(*(_untouched(press) for press in presses), strict=True)
     change, places = [*change, *still], [*places, *away]
     normals = [*normals, np.zeros((sum(map(len, away)), 2))]
     return fit_gradient_map(np.vstack(change), np.vstack(places), np.vstack(normals), (rows, columns))
@@ -275,38 +278,17 @@ def core_pixels(press: Press) -> tuple[Array, Array]:
     return press.change[y, x], np.column_stack([x, y]).astype(np.float64)
 
 
-def _samples(press: BallPress, mm_per_px: tuple[float, float]) -> tuple[Array, Array, Array]:
-    change, places = core_pixels(press.press)
-    return change, places, (places - press.press.centre_px) * mm_per_px / press.radius_mm
+def _samples(press: Press, mm_per_px: tuple[float, float]) -> tuple[Array, Array, Array]:
+    change, places = core_pixels(press)
+    return change, places, (places - press.centre_px) * mm_per_px / press.radius_mm
 
 
-def _centred(press: BallPress, fitted: GradientMap, mm_per_px: tuple[float, float]) -> BallPress:
+def _centred(press: Press, fitted: GradientMap, mm_per_px: tuple[float, float]) -> Press:
     """Return a press centred where its normals, times R, point back to."""
-    change, places = core_pixels(press.press)
+    change, places = core_pixels(press)
     back = places - fitted.normals(change, places) * press.radius_mm / np.asarray(mm_per_px)
     x, y = (float(v) for v in back.mean(axis=0))
-    p = press.press
-    moved = replace(p, centre_px=(x, y), rim_px=rim_radius(p.strength, (x, y), p.reach_px))
-    return replace(press, press=moved)
-
-
-def _held_out(
-    presses: list[BallPress], mm_per_px: tuple[float, float], folds: int
-) -> tuple[dict[str, float], list[float], list[float]]:
-    radii: dict[str, float] = {}
-    errors: list[float] = []
-    nulls: list[float] = []
-    for fold in range(folds):
-        fitted = _fit_to([p for i, p in enumerate(presses) if i % folds != fold], mm_per_px)
-        for press in presses[fold::folds]:
-            radii[press.press.id] = ball_radius_mm(press.press, fitted, mm_per_px)
-            change, places, truth = _samples(press, mm_per_px)
-            errors.append(float(np.sqrt(((fitted.normals(change, places) - truth) ** 2).mean())))
-            # far from the contact the normal's components should be zero
-            change, places = _untouched(press.press)
-            rms = float(np.sqrt((fitted.normals(change, places) ** 2).mean())) if len(places) else 0.0
-            nulls.append(rms)
-    return radii, errors, nulls
+    return replace(press, centre_px=(x, y), rim_px=rim_radius(press.strength, (x, y), press.reach_px))
 
 
 def _untouched(press: Press) -> tuple[Array, Array]:
@@ -324,13 +306,13 @@ def _pixels(shape: tuple[int, int], step: int) -> tuple[NDArray[np.int64], NDArr
     return columns[chosen], rows[chosen]
 
 
-def _fault(press: BallPress, mm_per_px: tuple[float, float]) -> str | None:
+def _fault(press: Press, mm_per_px: tuple[float, float]) -> str | None:
     low, high = BALLS_MM
     if not low <= 2.0 * press.radius_mm <= high:
         return f"a ball of {2.0 * press.radius_mm:g} mm; {low:g} to {high:g} mm fit a gel"
-    if press.press.rim_px * _CORE * max(mm_per_px) >= press.radius_mm:
+    if press.rim_px * _CORE * max(mm_per_px) >= press.radius_mm:
         return f"its contact is wider than a ball of {press.radius_mm:.2f} mm radius; is it given as radius?"
-    if len(core_pixels(press.press)[0]) < _LEAST_PIXELS:
+    if len(core_pixels(press)[0]) < _LEAST_PIXELS:
         return "too little of its contact is in the picture"
     return None
 
@@ -382,7 +364,24 @@ def fit_scale(moves_mm: Array, centres_px: Array, radii_mm: Array | None = None)
         )
     apart = radii_mm is not None and np.max(radii_mm) >= _SIZES_APART * np.min(radii_mm)
     radii = np.asarray(radii_mm, np.float64) if apart else np.zeros(len(moves_mm))
-    return _scale(centres_px, moves_mm, radii)
+    scale, missed = _fit(centres_px, moves_mm, radii)
+    count = len(missed)
+    left_out = [np.delete(np.arange(count), i) for i in range(count)]
+    scales = np.array([_fit(centres_px[o], moves_mm[o], radii[o])[0] for o in left_out])
+    sigma, aspect_sigma = jackknife_sigma(scales), float(jackknife_sigma(scales[:, 0] / scales[:, 1]))
+    residual_px = float(np.sqrt((missed**2).sum(axis=1).mean()) / scale.mean())
+    assessment = limits(
+        (residual_px, 2.0, 15.0, "contact centres miss the known moves by {value:.1f} px"),
+        (100 * float((sigma / scale).max()), 2.0, 20.0, "the scale is known to {value:.1f} % only"),
+        (count, 6, FEWEST, "{value} places; 9 are good"),
+    )
+    return GelScale(scale, sigma, aspect_sigma, residual_px, centres_px, missed / scale, assessment)
+
+
+def jackknife_sigma(values: Array) -> Array:
+    """Return one sigma of an estimate from its N values, (N,) or (N, k), without one sample each."""
+    count = len(values)
+    return np.sqrt((count - 1) / count * ((values - values.mean(axis=0)) ** 2).sum(axis=0))
 
 
 def _fit(centres_px: Array, moves_mm: Array, radii_mm: Array) -> tuple[Array, Array]:
@@ -406,22 +405,3 @@ def _fit(centres_px: Array, moves_mm: Array, radii_mm: Array) -> tuple[Array, Ar
         method="bounded",
     )
     return solve(float(found.x))
-
-
-def _scale(centres_px: Array, moves_mm: Array, radii_mm: Array) -> GelScale:
-    """Return the lengths in mm of one pixel along x and y, with their sigma by jackknife."""
-    scale, missed = _fit(centres_px, moves_mm, radii_mm)
-    count = len(missed)
-    left_out = [np.delete(np.arange(count), i) for i in range(count)]
-    scales = np.array([_fit(centres_px[o], moves_mm[o], radii_mm[o])[0] for o in left_out])
-    spread = scales - scales.mean(axis=0)
-    sigma = np.sqrt((count - 1) / count * (spread**2).sum(axis=0))
-    aspects = scales[:, 0] / scales[:, 1]
-    aspect_sigma = float(np.sqrt((count - 1) / count * ((aspects - aspects.mean()) ** 2).sum()))
-    residual_px = float(np.sqrt((missed**2).sum(axis=1).mean()) / scale.mean())
-    assessment = limit(residual_px, 2.0, 15.0, "contact centres miss the known moves by {value:.1f} px")
-    assessment += limit(
-        100 * float((sigma / scale).max()), 2.0, 20.0, "the scale is known to {value:.1f} % only"
-    )
-    assessment += floor(count, 6, FEWEST, "{value} places; 9 are good")
-    return GelScale(scale, sigma, aspect_sigma, residual_px, centres_px, missed / scale, assessment)

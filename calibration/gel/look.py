@@ -207,26 +207,18 @@ def shadow_terms(dent: Plane, px_mm: float) -> Plane:
     return terms
 
 
-@dataclass(frozen=True, slots=True)
-class Visibility:
-    """Colour change by a slope of 0.1 in the direction that shows least, in sigma of the noise.
+def visibility(look: GelLook) -> tuple[float, float, tuple[float, float]]:
+    """Return the colour change by a slope of 0.1 in the direction that shows least, in sigma of the noise.
 
-    median: over the gel. worst: of the place at worst_px (x, y).
+    Returns the median over the gel, the worst value, and its place (x, y) px.
     """
-
-    median: float
-    worst: float
-    worst_px: tuple[float, float]
-
-
-def visibility(look: GelLook) -> Visibility:
     grid = slice(_GRID_PX // 2, None, _GRID_PX)
     response = change_by_slope(look, _SHOWN_SLOPE)[grid, grid]
     whitened = np.linalg.solve(np.linalg.cholesky(look.noise.colours), response)
     least = np.linalg.svd(whitened, compute_uv=False)[..., 1]
     row, column = np.unravel_index(int(least.argmin()), least.shape)
     at = ((int(column) + 0.5) * _GRID_PX * HALF, (int(row) + 0.5) * _GRID_PX * HALF)
-    return Visibility(float(np.median(least)), float(least.min()), at)
+    return float(np.median(least)), float(least.min()), at
 
 
 def change_by_slope(look: GelLook, slope: float) -> NDArray[np.float32]:

@@ -98,31 +98,21 @@ def background_and_noise(
     still = np.stack(frames) - level[:, None, None].astype(np.float32)
     still[~np.stack(free)] = np.nan
     # the median, because light that a contact takes away far from it counts as untouched in some presses
-    mean = _without_noise(np.nanmedian(still, axis=0).astype(np.float32), still, np.stack(free).sum(axis=0))
-    noise = [_fine(np.where(np.isnan(f), 0.0, f - mean), m) for f, m in zip(still, free, strict=True)]
-    return mean, measure_noise(noise, free)
-
-
-def _without_noise(
-    median: NDArray[np.float32], still: Array, count: NDArray[np.integer]
-) -> NDArray[np.float32]:
-    """Remove from a median of few frames the noise that is left in it (Wiener filter); dust remains.
-
-    still: (N, H, W, 3), NaN where a frame is not free. count: (H, W), frames that are free.
-    """
+    median, count = np.nanmedian(still, axis=0).astype(np.float32), np.stack(free).sum(axis=0)
+    # a Wiener filter removes the noise that is left in the median of few frames; dust remains
     smooth = cv2.GaussianBlur(median, (0, 0), _NOISE_PX)
     scatter = np.nanmean((still[:, ::4, ::4] - median[::4, ::4]) ** 2, axis=(0, 1, 2))
     left = scatter * _MEDIAN_VARIANCE / np.maximum(count, 1)[..., None]
     local = cv2.GaussianBlur((median - smooth) ** 2, (0, 0), 2.0 * _NOISE_PX)
     kept = np.maximum(1.0 - left / np.maximum(local, 1e-6), 0.0)
-    return np.asarray(smooth + kept * (median - smooth), np.float32)
-
-
-def _fine(noise: Array, free: NDArray[np.bool_]) -> Array:
-    """Noise of a frame (H, W, 3) without broad structure, which is light; 0 in contacts."""
-    share = cv2.GaussianBlur(free.astype(np.float32), (0, 0), _LIGHT_PX)[..., None]
-    broad = cv2.GaussianBlur(noise.astype(np.float32), (0, 0), _LIGHT_PX) / np.maximum(share, 0.05)
-    return np.asarray(np.where(free[..., None], noise - broad, 0.0), np.float32)
+    mean = np.asarray(smooth + kept * (median - smooth), np.float32)
+    fine = []  # the noise of each frame without broad structure, which is light; 0 in contacts
+    for frame, mask in zip(still, free, strict=True):
+        noise = np.where(np.isnan(frame), 0.0, frame - mean)
+        share = cv2.GaussianBlur(mask.astype(np.float32), (0, 0), _LIGHT_PX)[..., None]
+        broad = cv2.GaussianBlur(noise.astype(np.float32), (0, 0), _LIGHT_PX) / np.maximum(share, 0.05)
+        fine.append(np.asarray(np.where(mask[..., None], noise - broad, 0.0), np.float32))
+    return mean, measure_noise(fine, free)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -174,10 +164,8 @@ def fit_look(
     for _ in range(_ROUNDS):
         total = _total([_sums_of(press, press.circle, largest) for press in adjusted])
         weights = _solve(total, np.arange(len(total.squares)))
-        adjusted = [
-            _adjust(press, first.circle, weights, largest)
-            for press, first in zip(adjusted, presses, strict=True)
-        ]
+        pairs = zip(adjusted, presses, strict=True)
+        adjusted = [_adjust(press, first.circle, weights, largest) for press, first in pairs]
     sums = [_sums_of(press, press.circle, largest) for press in adjusted]
     model, used = _best_model(sums)
     drawn = _circles_as_given(presses, adjusted)
@@ -185,19 +173,9 @@ def fit_look(
     for i, press in enumerate(adjusted):
         weights = _solve(_total(sums, without=i), used)
         as_given = _sums_of(press, drawn[i], largest)
-        held_out.append(
-            HeldOut(
-                press.id,
-                as_given.error(weights, used),
-                sums[i].error(weights, used),
-                float(np.sqrt(as_given.power / as_given.count)),
-            )
-        )
-    look = replace(
-        largest,
-        weights=_solve(_total(sums), used),
-        **dict(zip(("place_degree", "by_background", "shadows"), model, strict=True)),
-    )
+        errors = as_given.error(weights, used), sums[i].error(weights, used)
+        held_out.append(HeldOut(press.id, *errors, float(np.sqrt(as_given.power / as_given.count))))
+    look = GelLook(mean, _solve(_total(sums), used), *model, mm_per_px, noise, largest.jpeg_quality)
     return LookFit(look, tuple(held_out), tuple(adjusted))
 
 
@@ -252,7 +230,7 @@ def _total(sums: Sequence[_Sums], without: int | None = None) -> _Sums:
     )
 
 
-def _solve(sums: _Sums, used: NDArray[np.intp]) -> Array:
+def _solve(sums: _Sums, used: NDArray[np.intp]) -> NDArray[np.float64]:
     """(U, 3) ridge-regularised weights of the columns in use, scaled to unit mean square."""
     squares, products = sums.squares[np.ix_(used, used)], sums.products[used]
     scale = np.sqrt(np.diag(squares)) + 1e-9
@@ -310,13 +288,11 @@ def _circles_as_given(given: Sequence[Pressed], adjusted: Sequence[Pressed]) -> 
     first, last = (np.array([press.circle for press in of]) for of in (given, adjusted))
     at = np.column_stack([np.ones(len(first)), first[:, :2]])
     found: list[Circle] = []
-    for i in range(len(first)):
+    for i, (x, y, radius) in enumerate(first.tolist()):
         others = np.arange(len(first)) != i
-        moved = at[i] @ np.linalg.lstsq(at[others], (last - first)[others, :2], rcond=None)[0]
+        dx, dy = at[i] @ np.linalg.lstsq(at[others], (last - first)[others, :2], rcond=None)[0]
         wider = float(np.median(last[others, 2] / first[others, 2]))
-        found.append(
-            (float(first[i, 0] + moved[0]), float(first[i, 1] + moved[1]), float(first[i, 2] * wider))
-        )
+        found.append((float(x + dx), float(y + dy), radius * wider))
     return found
 
 

@@ -56,7 +56,14 @@ class CameraNoise:
     def draw(self, shape: tuple[int, int], count: int, rng: np.random.Generator) -> Fields:
         """Draw fields of noise, (count, H, W, 3) grey levels, that are periodic apart from cut-off edges."""
         rows, columns = (-(-size // CELL_PX) for size in shape)
-        factor = self._factor(rows, columns)
+        lags, periodic = np.arange(-_REACH, _REACH + 1), np.zeros((rows, columns, _VALUES, _VALUES))
+        # tapered over the farther half, so that cutting the covariance off leaves no ripples in the spectrum
+        taper = np.cos(np.pi * np.maximum(np.abs(lags) / (_REACH + 1) - 0.5, 0.0)) ** 2
+        tapered = self.covariance * (taper[:, None] * taper)[..., None, None]
+        np.add.at(periodic, (lags[:, None] % rows, lags % columns), tapered)
+        power, directions = np.linalg.eigh(np.fft.rfft2(periodic, axes=(0, 1)).conj())
+        # the square root of the spectrum, (rows, columns / 2 + 1, 12, 12)
+        factor = directions * np.sqrt(np.maximum(power, 0.0))[..., None, :]
         fields = np.empty((count, CELL_PX * rows, CELL_PX * columns, 3), np.float32)
         for field in fields:
             white = np.fft.rfft2(rng.standard_normal((rows, columns, _VALUES)), axes=(0, 1))
@@ -65,17 +72,6 @@ class CameraNoise:
             split = cells.reshape(rows, columns, CELL_PX, CELL_PX, 3).transpose(0, 2, 1, 3, 4)
             field[:] = split.reshape(field.shape)
         return fields[:, : shape[0], : shape[1]]
-
-    def _factor(self, rows: int, columns: int) -> NDArray[np.complexfloating]:
-        """Return the square root of the spectrum, (rows, columns / 2 + 1, 12, 12)."""
-        lags, periodic = np.arange(-_REACH, _REACH + 1), np.zeros((rows, columns, _VALUES, _VALUES))
-        # tapered over the farther half, so that cutting the covariance off leaves no ripples in the spectrum
-        taper = np.cos(np.pi * np.maximum(np.abs(lags) / (_REACH + 1) - 0.5, 0.0)) ** 2
-        tapered = self.covariance * (taper[:, None] * taper)[..., None, None]
-        np.add.at(periodic, (lags[:, None] % rows, lags % columns), tapered)
-        spectrum = np.fft.rfft2(periodic, axes=(0, 1)).conj()
-        power, directions = np.linalg.eigh(spectrum)
-        return directions * np.sqrt(np.maximum(power, 0.0))[..., None, :]
 
 
 def measure_noise(frames: Sequence[Array], free: Sequence[NDArray[np.bool_]]) -> CameraNoise:

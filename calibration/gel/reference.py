@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.verdict import Assessment, floor, limit
+from calibration.verdict import Assessment, limits
 from drivers.errors import CalibrationError, counted
 from drivers.types import Image
 
@@ -104,16 +104,12 @@ def drift_since(reference: Reference, earlier: NDArray[np.float32]) -> Drift:
 
 
 def assess_reference(reference: Reference, drift: Drift | None = None) -> Assessment:
-    assessment = limit(
-        100 * reference.saturated, 1.0, 30.0, "{value:.0f} % of the values are saturated: dim the LEDs"
-    )
-    assessment += limit(
-        reference.noise_grey, 5.0, 25.0, "frames scatter by {value:.1f} grey: is the light flickering?"
-    )
-    assessment += limit(reference.hot_pixels, 20, np.inf, "{value} hot pixels")
-    assessment += floor(
-        float(reference.image.mean()), 25.0, 8.0, "the picture is dark (mean {value:.0f} grey)",
-        "mean brightness: {value:.0f} grey",
+    assessment = limits(
+        (100 * reference.saturated, 1.0, 30.0, "{value:.0f} % of the values are saturated: dim the LEDs"),
+        (reference.noise_grey, 5.0, 25.0, "frames scatter by {value:.1f} grey: is the light flickering?"),
+        (reference.hot_pixels, 20, np.inf, "{value} hot pixels"),
+        (float(reference.image.mean()), 25.0, 8.0, "the picture is dark (mean {value:.0f} grey)",
+         "mean brightness: {value:.0f} grey"),
     )  # fmt: skip
     if drift is None:
         return assessment + Assessment(
@@ -124,16 +120,12 @@ def assess_reference(reference: Reference, drift: Drift | None = None) -> Assess
             (f"an LED went out (R, G, B gains {np.round(drift.gain, 2).tolist()})",)
         )
     worst = float(np.abs(np.log(drift.gain)).max())
-    assessment += limit(
-        100 * worst, 10.0, 60.0, "the light changed by {value:.0f} % since the earlier reference"
-    )
-    assessment += limit(
-        100 * drift.contact_share, 1.0, 5.0,
-        "{value:.0f} % of the picture changed shape: contact in it, a damaged gel, or another sensor",
+    return assessment + limits(
+        (100 * worst, 10.0, 60.0, "the light changed by {value:.0f} % since the earlier reference"),
+        (100 * drift.contact_share, 1.0, 5.0,
+         "{value:.0f} % of the picture changed shape: contact in it, a damaged gel, or another sensor"),
+        (float(np.hypot(*drift.moved_px)), 1.0, 8.0, "the picture moved by {value:.1f} px"),
     )  # fmt: skip
-    return assessment + limit(
-        float(np.hypot(*drift.moved_px)), 1.0, 8.0, "the picture moved by {value:.1f} px"
-    )
 
 
 def changed_share(one: NDArray[np.float32], other: NDArray[np.float32], noise_grey: float) -> float:

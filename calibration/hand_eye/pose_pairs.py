@@ -26,9 +26,9 @@ from calibration.hand_eye.refine import (
     moved,
     observability,
 )
-from calibration.hand_eye.solve import FEWEST_SAMPLES, MOST_REJECTED, HandEyeResult, Setup, as_pose
+from calibration.hand_eye.solve import FEWEST_SAMPLES, MOST_REJECTED, HandEyeResult, Setup, pose_arrays
 from calibration.poses import REACH_M, pose_fault, repeated_pose
-from calibration.verdict import Assessment, Rejected, floor, limit, sift
+from calibration.verdict import Assessment, Rejected, limits, sift
 from drivers.errors import counted
 from drivers.types import Pose
 
@@ -89,21 +89,7 @@ class PosePairs:
         return PosePairs(ids, self.a_R[rows], self.a_t[rows], self.b_R[rows], self.b_t[rows], self.setup)
 
 
-def make_pairs(samples: Sequence[PoseSample], setup: Setup) -> PosePairs:
-    to_hand = setup is Setup.EYE_TO_HAND
-    robot = [s.base_T_tcp if to_hand else s.base_T_tcp.inverse() for s in samples]
-    seen = [s.camera_T_target for s in samples]
-    return PosePairs(
-        tuple(s.id for s in samples),
-        np.array([p.rotation.as_matrix() for p in robot]).reshape(-1, 3, 3),
-        np.array([p.position_m for p in robot]).reshape(-1, 3),
-        np.array([p.rotation.as_matrix() for p in seen]).reshape(-1, 3, 3),
-        np.array([p.position_m for p in seen]).reshape(-1, 3),
-        setup,
-    )
-
-
-def sample_fault(sample: PoseSample, others: list[PoseSample]) -> str | None:
+def _fault(sample: PoseSample, others: list[PoseSample]) -> str | None:
     """Return why a sample cannot be used, or None. others: the samples accepted so far."""
     if any(other.id == sample.id for other in others[-1:]):
         return f"a second sample with the id {sample.id}"
@@ -159,11 +145,6 @@ def noise_parts(robot: Array) -> Array:
     return np.array(parts)
 
 
-def covariances(parts: Array, sigmas: Array) -> Array:
-    """Return the residuals' covariances (N, 6, 6) for (6,) standard deviations; parts: `noise_parts`."""
-    return np.einsum("k,knij->nij", sigmas**2, parts)
-
-
 def fit_noise(parts: Array, residuals: Array, weights: Array, parameters: int, start: Array) -> Array:
     """Return the (6,) standard deviations that explain (N, 6) residuals best, with (N,) weights.
 
@@ -175,7 +156,7 @@ def fit_noise(parts: Array, residuals: Array, weights: Array, parameters: int, s
 
     def cost(logs: Array) -> tuple[float, Array]:
         sigmas = USUAL_NOISE * np.exp(logs)
-        combined = covariances(parts, sigmas)
+        combined = np.einsum("k,knij->nij", sigmas**2, parts)
         inverse = np.linalg.inv(combined)
         white = (inverse @ residuals[..., None])[..., 0]
         value = 0.5 * np.linalg.slogdet(combined)[1].sum()
@@ -224,7 +205,7 @@ def calibrate_pose_pairs(samples: Sequence[PoseSample], setup: Setup) -> HandEye
 
     samples: in order of time, because neighbouring samples of a stream share errors, which is detected.
     """
-    usable, rejected = sift(samples, lambda s: s.id, sample_fault)
+    usable, rejected = sift(samples, lambda s: s.id, _fault)
     chosen = [usable[i] for i in _spaced(len(usable), _MOST_PAIRS)]
     good, repeated = sift(
         chosen, lambda s: s.id,
@@ -234,7 +215,8 @@ def calibrate_pose_pairs(samples: Sequence[PoseSample], setup: Setup) -> HandEye
     if len(good) < FEWEST_SAMPLES:
         text = f"{counted(len(good), 'usable pair')}; at least {FEWEST_SAMPLES} are needed, 15 are good"
         return HandEyeResult(setup, Assessment((text,)), tuple(rejected))
-    pairs = make_pairs(good, setup)
+    robot, seen = setup.arrays([s.base_T_tcp for s in good]), pose_arrays([s.camera_T_target for s in good])
+    pairs = PosePairs(tuple(s.id for s in good), *robot, *seen, setup)
     motion = observability(pairs.subset(_spaced(len(pairs.ids), _FOR_STARTS)).a_R)
     gate = assess_motion(motion)
     if gate.refusals:
@@ -256,28 +238,22 @@ def calibrate_pose_pairs(samples: Sequence[PoseSample], setup: Setup) -> HandEye
     found = float(((white[1:] * white[:-1]).sum(axis=0) / np.maximum((white**2).sum(axis=0), 1e-300)).max())
     alike = found if found > 3.5 / np.sqrt(len(white)) else 0.0
     covariance, blocks = _spread(fit, alike)
-    return HandEyeResult(
-        setup, gate + _assess(covariance, blocks, len(out), count, alike), tuple(rejected), motion,
-        as_pose(fit.at.x_R, fit.at.x_t), as_pose(fit.at.z_R, fit.at.z_t), covariance=covariance,
-        sigmas=sigmas, samples=blocks, used=tuple(pairs.ids[i] for i in kept),
-    )  # fmt: skip
-
-
-def _assess(covariance: Array, count: int, left_out: int, pairs: int, alike: float) -> Assessment:
     sigma = np.sqrt(np.diag(covariance))
     mm, deg = 1e3 * float(np.linalg.norm(sigma[3:])), float(np.degrees(np.linalg.norm(sigma[:3])))
     hint = "add pairs with larger rotations about two axes, or calibrate from pictures"
-    return (
-        limit(mm, 2.0, 50.0, "position known to {value:.1f} mm only: " + hint)
-        + limit(deg, 0.2, 5.0, "orientation known to {value:.2f} degrees only: " + hint)
-        + floor(count, 10, FEWEST_SAMPLES, f"{counted(count, 'pair')} used; 15 are good")
-        + limit(left_out, 0.15 * pairs, np.inf, f"{counted(left_out, 'pair')} left out; see why")
-        + limit(
-            alike, 0.3, np.inf,
-            "errors of neighbouring pairs are correlated ({value:.2f}; noise: 0), which raises sigma: does "
-            "the robot's model, the clock or the detector's scale drift?",
-            "correlation of the errors of neighbouring pairs: {value:.2f}",
-        )
+    assessment = limits(
+        (mm, 2.0, 50.0, "position known to {value:.1f} mm only: " + hint),
+        (deg, 0.2, 5.0, "orientation known to {value:.2f} degrees only: " + hint),
+        (blocks, 10, FEWEST_SAMPLES, f"{counted(blocks, 'pair')} used; 15 are good"),
+        (len(out), 0.15 * count, np.inf, f"{counted(len(out), 'pair')} left out; see why"),
+        (alike, 0.3, np.inf,
+         "errors of neighbouring pairs are correlated ({value:.2f}; noise: 0), which raises sigma: does the "
+         "robot's model, the clock or the detector's scale drift?",
+         "correlation of the errors of neighbouring pairs: {value:.2f}"),
+    )  # fmt: skip
+    return HandEyeResult(
+        setup, gate + assessment, tuple(rejected), motion, *fit.at.poses, covariance, blocks,
+        tuple(pairs.ids[i] for i in kept), sigmas=sigmas,
     )  # fmt: skip
 
 
@@ -329,7 +305,7 @@ def _fit(pairs: PosePairs, at: Transforms, sigmas: Array, rounds: int = _ROUNDS)
 
 def _at(pairs: PosePairs, at: Transforms, sigmas: Array) -> _Fit:
     missed, by_step = pair_residuals(pairs, at)
-    inverse = np.linalg.inv(covariances(noise_parts(by_robot(pairs, at)), sigmas))
+    inverse = np.linalg.inv(np.einsum("k,knij->nij", sigmas**2, noise_parts(by_robot(pairs, at))))
     return _Fit(at, missed, by_step, inverse, np.einsum("ni,nij,nj->n", missed, inverse, missed))
 
 

@@ -22,10 +22,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
-from scipy.stats import f as f_distribution
 
 from calibration.camera.model import CameraModel
-from calibration.verdict import Assessment, floor
+from calibration.verdict import Assessment, limits
+from drivers.types import Pose
 
 Array = NDArray[np.floating]
 
@@ -85,21 +85,15 @@ def assess_motion(seen: Observability) -> Assessment:
     elif seen.translation_ratio < 0.01 or seen.rotation_gap < 1e-4:
         reason = f"all rotations are about parallel axes: {_HINT}"
     else:
-        return (
-            floor(
-                seen.max_angle_deg, LEAST_TURN_DEG, 5.0,
-                "the tool rotated by at most {value:.1f} degrees: " + _HINT,
-            )
-            + floor(
-                seen.translation_ratio, LEAST_RATIO, 0.01,
-                "rotations are about nearly parallel axes (ratio {value:.2f}): " + _HINT,
-                "how far the axes of rotation differ, as a ratio: {value:.2f}",
-            )
-            + floor(
-                seen.rotation_gap, LEAST_GAP, 1e-4,
-                "the rotation is weakly determined (gap {value:.2g}): " + _HINT,
-                "how well the rotations determine the orientation, as a gap of eigenvalues: {value:.2g}",
-            )
+        return limits(
+            (seen.max_angle_deg, LEAST_TURN_DEG, 5.0,
+             "the tool rotated by at most {value:.1f} degrees: " + _HINT),
+            (seen.translation_ratio, LEAST_RATIO, 0.01,
+             "rotations are about nearly parallel axes (ratio {value:.2f}): " + _HINT,
+             "how far the axes of rotation differ, as a ratio: {value:.2f}"),
+            (seen.rotation_gap, LEAST_GAP, 1e-4,
+             "the rotation is weakly determined (gap {value:.2g}): " + _HINT,
+             "how well the rotations determine the orientation, as a gap of eigenvalues: {value:.2g}"),
         )  # fmt: skip
     return Assessment((reason,))
 
@@ -119,6 +113,13 @@ class Transforms:
     x_t: Array
     z_R: Array  # noqa: N815
     z_t: Array
+
+    @property
+    def poses(self) -> tuple[Pose, Pose]:
+        """X and Z."""
+        pairs = ((self.x_R, self.x_t), (self.z_R, self.z_t))
+        x, z = (Pose.from_rotation(move, Rotation.from_matrix(turn)) for turn, move in pairs)
+        return x, z
 
 
 def park(a_R: Array, a_t: Array, b_R: Array, b_t: Array) -> Transforms:  # noqa: N803
@@ -218,13 +219,6 @@ class Problem:
             tuple(self.ids[i] for i in samples), self.a_R[samples], self.a_t[samples],
             self.points_m[chosen], self.seen_px[chosen], self.pixels[chosen], owner, self.camera,
         )  # fmt: skip
-
-    def inverted(self) -> "Problem":
-        turned = self.a_R.transpose(0, 2, 1)
-        return replace(self, a_R=turned, a_t=-(turned @ self.a_t[..., None])[..., 0])
-
-    def shifted(self, by: int) -> "Problem":
-        return replace(self, a_R=np.roll(self.a_R, by, axis=0), a_t=np.roll(self.a_t, by, axis=0))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -330,52 +324,14 @@ def _step(jacobian: Array, missed: Array, weights: Array, damping: float) -> Arr
     return np.linalg.solve(r, q.T @ target) / scale
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Uncertainty:
-    """Covariances (6, 6) of X: rotation vector about X's own axes (rad), then translation (m).
+def uncertainty(problem: Problem, answer: Refined) -> tuple[Array, Array, Array]:
+    """Return the covariance (6, 6) of X, the part of it that the camera causes, and held-out errors (N,) px.
 
-    covariance: the larger of fit and jackknife in each direction, plus the camera's. camera: part caused by
-    the camera calibration; zero if the camera is exact. held_out_px: (N,) rms px by which the estimate from
-    all other samples misses each sample. samples: N.
+    Covariances are of X's rotation vector about its own axes (rad), then its translation (m): the larger of
+    fit and jackknife in each direction, plus the camera's part, which is zero if the camera is exact. A
+    held-out error is the rms by which the estimate from all other samples misses a sample. Takes one short
+    refit per sample, and per direction of the camera's covariance.
     """
-
-    covariance: Array
-    camera: Array
-    held_out_px: Array
-    samples: int
-
-    @property
-    def sigma_m(self) -> Array:
-        """(3,) one sigma of the translation."""
-        return np.sqrt(np.diag(self.covariance)[3:])
-
-    @property
-    def sigma_rad(self) -> Array:
-        """(3,) one sigma of the rotation."""
-        return np.sqrt(np.diag(self.covariance)[:3])
-
-    @property
-    def camera_sigma_m(self) -> Array:
-        """(3,) one sigma of the translation caused by the camera calibration."""
-        return np.sqrt(np.diag(self.camera)[3:])
-
-    @property
-    def camera_sigma_rad(self) -> Array:
-        """(3,) one sigma of the rotation caused by the camera calibration."""
-        return np.sqrt(np.diag(self.camera)[:3])
-
-    @property
-    def held_out_rms_px(self) -> float:
-        return float(np.sqrt((self.held_out_px**2).mean()))
-
-    def holds(self, error: Array) -> bool:
-        """Whether a (6,) error lies within the 95 % confidence region (F test)."""
-        bound = float(6 * f_distribution.ppf(0.95, 6, max(self.samples - 1, 1)))
-        return float(error @ np.linalg.solve(self.covariance, error)) <= bound
-
-
-def uncertainty(problem: Problem, answer: Refined) -> Uncertainty:
-    """Compute the uncertainty: one short refit per sample, and per direction of the camera's covariance."""
     count = len(problem.ids)
     changes, held_out = np.zeros((count, 6)), np.zeros(count)
     for i in range(count):
@@ -392,7 +348,7 @@ def uncertainty(problem: Problem, answer: Refined) -> Uncertainty:
     stacked = np.array(by_camera).reshape(-1, 6)
     from_camera = stacked.T @ stacked
     samples = larger_of(_fit_covariance(problem, answer.transforms), jackknife)
-    return Uncertainty(samples + from_camera, from_camera, held_out, count)
+    return samples + from_camera, from_camera, held_out
 
 
 def _change(one: Transforms, other: Transforms) -> Array:

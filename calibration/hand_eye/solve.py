@@ -1,13 +1,14 @@
 """Calibrate hand-eye from pictures: checks, initial values, robust refinement, outliers, next pose."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
+from scipy.stats import f as f_distribution
 
 from calibration.camera.model import CameraModel
 from calibration.hand_eye.refine import (
@@ -16,7 +17,6 @@ from calibration.hand_eye.refine import (
     Problem,
     Refined,
     Transforms,
-    Uncertainty,
     assess_motion,
     linearised,
     nearest_rotation,
@@ -26,7 +26,7 @@ from calibration.hand_eye.refine import (
 )
 from calibration.poses import REACH_M, pose_fault, repeated_pose
 from calibration.targets.boards import View, on_one_line, outside, view_fault
-from calibration.verdict import Assessment, Rejected, floor, limit, rests_on, sift
+from calibration.verdict import Assessment, Rejected, limits, rests_on, sift
 from drivers.errors import CalibrationError, counted
 from drivers.types import Pose
 
@@ -61,6 +61,10 @@ class Setup(StrEnum):
     EYE_TO_HAND = "eye-to-hand"
     EYE_IN_HAND = "eye-in-hand"
 
+    def arrays(self, poses: Sequence[Pose]) -> tuple[Array, Array]:
+        """Return A of A Z = X B for poses `base_T_tcp`: rotations (N, 3, 3) and translations (N, 3) m."""
+        return pose_arrays(poses if self is Setup.EYE_TO_HAND else [pose.inverse() for pose in poses])
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HandEyeSample:
@@ -75,11 +79,12 @@ class HandEyeSample:
 class HandEyeResult:
     """The estimate and its assessment.
 
-    pose: base_T_camera or tcp_T_camera; target: tcp_T_target or base_T_target; both None if refused before
-    solving. From pictures: rms_px, residual of the used samples; sample_px, the same by id, with the rejected
-    samples; spread, problem, refined. From pairs of poses: covariance, (6, 6) of the pose, rotation about its
-    own axes (rad), translation (m); sigmas, (6,) estimated noise in the order of `USUAL_NOISE`; samples,
-    number of used pairs, or of blocks of them.
+    pose: base_T_camera or tcp_T_camera; target: tcp_T_target or base_T_target; covariance: (6, 6) of the
+    pose, rotation about its own axes (rad), translation (m); all None if refused. samples: number of used
+    samples, or of blocks of pairs. From pictures: sample_px, residual by id, with the rejected samples;
+    from_camera, the part of the covariance that the camera causes; held_out_px, (N,) by which the estimate
+    from all other samples misses each used one; problem, refined. From pairs of poses: sigmas, (6,) estimated
+    noise in the order of `USUAL_NOISE`.
     """
 
     setup: Setup
@@ -88,15 +93,22 @@ class HandEyeResult:
     motion: Observability | None = None
     pose: Pose | None = None
     target: Pose | None = None
-    rms_px: float | None = None
-    sample_px: dict[str, float] | None = None
-    spread: Uncertainty | None = None
+    covariance: Array | None = None
+    samples: int = 0
     used: tuple[str, ...] = ()
+    sample_px: dict[str, float] | None = None
+    from_camera: Array | None = None
+    held_out_px: Array | None = None
     problem: Problem | None = None
     refined: Refined | None = None
-    covariance: Array | None = None
     sigmas: Array | None = None
-    samples: int = 0
+
+    def holds(self, error: Array) -> bool:
+        """Whether a (6,) error lies within the 95 % confidence region (F test); False without an estimate."""
+        if self.covariance is None:
+            return False
+        bound = float(6 * f_distribution.ppf(0.95, 6, max(self.samples - 1, 1)))
+        return float(error @ np.linalg.solve(self.covariance, error)) <= bound
 
 
 def calibrate_hand_eye(samples: Sequence[HandEyeSample], camera: CameraModel, setup: Setup) -> HandEyeResult:
@@ -131,50 +143,33 @@ def calibrate_hand_eye(samples: Sequence[HandEyeSample], camera: CameraModel, se
     if gate.refusals or final.rms_px > _WORST_RMS_PX:
         reasons = gate if gate.refusals else Assessment((_contradiction(problem, final),))
         return HandEyeResult(setup, reasons, tuple(rejected), motion, sample_px=sample_px)
-    spread = uncertainty(problem, final)
+    covariance, from_camera, held_out_px = uncertainty(problem, final)
     sample_px |= dict(zip(problem.ids, final.sample_rms_px(problem).tolist(), strict=True))
-    t = final.transforms
+    assessment = gate + _assess(final, covariance, from_camera, len(problem.ids), len(rejected))
     return HandEyeResult(
-        setup, gate + _assess(final, spread, len(rejected), camera), tuple(rejected), motion,
-        as_pose(t.x_R, t.x_t), as_pose(t.z_R, t.z_t), final.rms_px, sample_px, spread, problem.ids, problem,
-        final,
+        setup, assessment + rests_on("camera", camera.doubts), tuple(rejected), motion,
+        *final.transforms.poses, covariance, len(problem.ids), problem.ids, sample_px, from_camera,
+        held_out_px, problem, final,
     )  # fmt: skip
 
 
-def _assess(final: Refined, spread: Uncertainty, rejected: int, camera: CameraModel) -> Assessment:
-    return (
-        limit(
-            final.rms_px, _GOOD_RMS_PX, _WORST_RMS_PX,
-            "residual of the samples {value:.2f} px: is the target rigidly mounted, the robot at rest?",
-        )
-        + _assess_sigma(
-            1e3 * spread.sigma_m, 1e3 * spread.camera_sigma_m, 1.0, 50.0,
-            "position known only to {value:.2f} mm", ": add samples", ".2f",
-        )
-        + _assess_sigma(
-            np.degrees(spread.sigma_rad), np.degrees(spread.camera_sigma_rad), 0.1, 5.0,
-            "orientation known only to {value:.3f} degrees", ": add samples with larger rotations", ".3f",
-        )
-        + floor(
-            spread.samples, _GOOD_SAMPLES, FEWEST_SAMPLES,
-            f"{counted(spread.samples, 'sample')} used; 15 are good",
-        )
-        + limit(
-            rejected, 0.15 * (spread.samples + rejected), np.inf,
-            f"{counted(rejected, 'sample')} left out; see why",
-        )
-        + rests_on("camera", camera.doubts)
+def _assess(final: Refined, covariance: Array, from_camera: Array, samples: int, rejected: int) -> Assessment:
+    """Assess an estimate; the reason for a sigma names the camera if it causes most of the variance."""
+    sigma, camera_sigma = np.sqrt(np.diag(covariance)), np.sqrt(np.diag(from_camera))
+    mm, camera_mm = (float(np.linalg.norm(1e3 * of[3:])) for of in (sigma, camera_sigma))
+    deg, camera_deg = (float(np.linalg.norm(np.degrees(of[:3]))) for of in (sigma, camera_sigma))
+    by_camera = f" of it from the camera's intrinsics: {_BETTER_CAMERA}"
+    more = f", {camera_mm:.2f}{by_camera}" if 2 * camera_mm**2 > mm**2 else ": add samples"
+    larger = ": add samples with larger rotations"
+    larger = f", {camera_deg:.3f}{by_camera}" if 2 * camera_deg**2 > deg**2 else larger
+    return limits(
+        (final.rms_px, _GOOD_RMS_PX, _WORST_RMS_PX,
+         "residual of the samples {value:.2f} px: is the target rigidly mounted, the robot at rest?"),
+        (mm, 1.0, 50.0, "position known only to {value:.2f} mm" + more),
+        (deg, 0.1, 5.0, "orientation known only to {value:.3f} degrees" + larger),
+        (samples, _GOOD_SAMPLES, FEWEST_SAMPLES, f"{counted(samples, 'sample')} used; 15 are good"),
+        (rejected, 0.15 * (samples + rejected), np.inf, f"{counted(rejected, 'sample')} left out; see why"),
     )  # fmt: skip
-
-
-def _assess_sigma(
-    sigma: Array, from_camera: Array, weak: float, refused: float, text: str, remedy: str, digits: str
-) -> Assessment:
-    """Assess a sigma; the reason names the camera if it causes more than half of the variance."""
-    whole, part = float(np.linalg.norm(sigma)), float(np.linalg.norm(from_camera))
-    if 2 * part**2 > whole**2:
-        remedy = f", {part:{digits}} of it from the camera's intrinsics: {_BETTER_CAMERA}"
-    return limit(whole, weak, refused, text + remedy)
 
 
 def _robust_start(problem: Problem) -> Refined:
@@ -205,21 +200,18 @@ def _contradiction(problem: Problem, found: Refined) -> str:
     """Report that the samples contradict one another, and a simple mistake that would explain it."""
     now = float(np.median(found.sample_rms_px(problem)))
     seen = f"the samples contradict one another (median residual {now:.0f} px)"
-    tries = {
-        "the robot poses look inverted (tcp_T_base for base_T_tcp, or the other setup)": problem.inverted(),
-        "pictures and poses look paired with an offset of one": problem.shifted(1),
-        "pictures and poses look paired with an offset of minus one": problem.shifted(-1),
-    }
-    for text, other in tries.items():
+    a_R, a_t = problem.a_R, problem.a_t  # noqa: N806
+    back = a_R.transpose(0, 2, 1)
+    inverted = "the robot poses look inverted (tcp_T_base for base_T_tcp, or the other setup)"
+    tries: list[tuple[str, Array, Array]] = [(inverted, back, -(back @ a_t[..., None])[..., 0])]
+    for offset, by in (("one", 1), ("minus one", -1)):
+        text = f"pictures and poses look paired with an offset of {offset}"
+        tries.append((text, np.roll(a_R, by, axis=0), np.roll(a_t, by, axis=0)))
+    for text, turns, moves in tries:
+        other = replace(problem, a_R=turns, a_t=moves)
         if float(np.median(_robust_start(other).sample_rms_px(other))) < 0.2 * now:
             return f"{seen}: {text}"
     return f"{seen}: check the pairing, the pose convention, and that target and robot are at rest"
-
-
-def as_pose(rotation: Array, position_m: Array) -> Pose:
-    """Create a pose from a rotation matrix (3, 3) and a position (3,) m."""
-    x, y, z = (float(v) for v in position_m)
-    return Pose.from_rotation((x, y, z), Rotation.from_matrix(rotation))
 
 
 def _closed(name: str, problem: Problem, subset: NDArray[np.int64], turns: Array, moves: Array) -> Transforms:
@@ -249,17 +241,12 @@ _LEVER_M = 0.3
 """A rotation counts as the displacement that it causes at this distance from the camera."""
 
 
-@dataclass(frozen=True, slots=True)
-class NextPose:
-    """Index of a candidate, and the predicted one sigma (m, at 0.3 m from the camera) after adding it."""
-
-    index: int
-    sigma_m: float
-
-
-def next_pose(result: HandEyeResult, camera: CameraModel, candidates: Sequence[Pose]) -> NextPose | None:
+def next_pose(
+    result: HandEyeResult, camera: CameraModel, candidates: Sequence[Pose]
+) -> tuple[float, int] | None:
     """Choose among reachable `base_T_tcp`; None if no candidate shows the target to the camera.
 
+    Returns the predicted one sigma (m, at 0.3 m from the camera) after adding the candidate, and its index.
     Raises `CalibrationError` if there is no first estimate yet.
     """
     if result.problem is None or result.refined is None or result.pose is None or result.target is None:
@@ -270,7 +257,7 @@ def next_pose(result: HandEyeResult, camera: CameraModel, candidates: Sequence[P
     points = np.unique(result.problem.points_m, axis=0)
     known = _information(result.problem, at)
     noise = max(result.refined.rms_px / np.sqrt(2.0), 0.05)
-    best: NextPose | None = None
+    predicted: list[tuple[float, int]] = []
     for index, pose in enumerate(candidates):
         robot = pose if result.setup is Setup.EYE_TO_HAND else pose.inverse()
         camera_T_target = camera_T_base_or_tcp @ robot @ result.target  # noqa: N806
@@ -289,9 +276,8 @@ def next_pose(result: HandEyeResult, camera: CameraModel, candidates: Sequence[P
         scales = np.outer(scale, scale)
         variances = np.diag(np.linalg.pinv(information / scales, hermitian=True) / scales)
         sigma_m = float(noise * np.sqrt(variances[3:6].sum() + _LEVER_M**2 * variances[:3].sum()))
-        if best is None or sigma_m < best.sigma_m:
-            best = NextPose(index, sigma_m)
-    return best
+        predicted.append((sigma_m, index))
+    return min(predicted, default=None)
 
 
 def _information(problem: Problem, at: Transforms) -> Array:
@@ -301,13 +287,18 @@ def _information(problem: Problem, at: Transforms) -> Array:
     return rows.T @ rows
 
 
+def pose_arrays(poses: Sequence[Pose]) -> tuple[Array, Array]:
+    """Return rotation matrices (N, 3, 3) and positions (N, 3) m."""
+    return np.array([p.rotation.as_matrix() for p in poses]), np.array([p.position_m for p in poses])
+
+
 def make_problem(samples: Sequence[HandEyeSample], camera: CameraModel, setup: Setup) -> Problem:
-    poses = [s.base_T_tcp if setup is Setup.EYE_TO_HAND else s.base_T_tcp.inverse() for s in samples]
+    a_R, a_t = setup.arrays([s.base_T_tcp for s in samples])  # noqa: N806
     seen = np.vstack([s.view.image_px for s in samples])
     return Problem(
         ids=tuple(s.id for s in samples),
-        a_R=np.array([p.rotation.as_matrix() for p in poses]),
-        a_t=np.array([p.position_m for p in poses]),
+        a_R=a_R,
+        a_t=a_t,
         points_m=np.vstack([s.view.board_m for s in samples]),
         seen_px=seen,
         pixels=camera.undistorted(seen),

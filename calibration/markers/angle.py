@@ -23,7 +23,7 @@ from scipy.spatial.transform import Rotation
 from calibration.camera.model import CameraModel
 from calibration.markers.tracker import MarkerTracker
 from calibration.targets.aruco import Corners, Refusal, side_lengths
-from calibration.verdict import Assessment, floor, limit, rests_on
+from calibration.verdict import Assessment, limits, rests_on
 from drivers.errors import CalibrationError, counted
 from drivers.types import Image
 
@@ -33,42 +33,17 @@ SQUARE = np.array([[-0.5, 0.5], [0.5, 0.5], [0.5, -0.5], [-0.5, -0.5]])
 """A marker of side 1 in its plane, y up, clockwise from the top left."""
 
 
-class MarkerPlane:
-    """The plane of both markers, seen by a camera of known matrix, or by an unknown camera (None).
-
-    Parameters: the plane's pose (6), or without a camera a homography (8); then x, y and rotation of the
-    second marker in the plane of the first. Unit of the plane: a marker's side.
-    """
-
-    def __init__(self, ideal_px: Array, camera_matrix: Array | None) -> None:
-        self._camera_matrix = camera_matrix
-        seen = cv2.getPerspectiveTransform(SQUARE.astype(np.float32), ideal_px[0].astype(np.float32))
-        first = np.asarray(seen, dtype=np.float64)
-        if camera_matrix is None:
-            guesses = [first.reshape(-1)[:8]]
-        else:
-            # one small marker allows two poses; the second marker resolves the ambiguity
-            poses = _two_poses(np.linalg.solve(camera_matrix, first))
-            guesses = [np.append(turn.as_rotvec(), move) for turn, move in poses]
-        self.starts = []
-        for guess in guesses:  # x, y and rotation of the second marker
-            back = np.linalg.inv(self.image_T_plane(guess))
-            corners = cv2.perspectiveTransform(ideal_px[1][None], back)[0]
-            centre = corners.mean(axis=0)
-            square, seen = SQUARE @ (1, 1j), (corners - centre) @ (1, 1j)
-            self.starts.append(np.concatenate([guess, centre, [np.angle((square.conj() * seen).sum())]]))
-
-    def image_T_plane(self, parameters: Array) -> Array:  # noqa: N802
-        """Return the homography (3, 3)."""
-        if self._camera_matrix is None:
-            return np.append(parameters[:8], 1.0).reshape(3, 3)
-        pose = Rotation.from_rotvec(parameters[:3]).as_matrix()
-        pose[:, 2] = parameters[3:6]
-        return self._camera_matrix @ pose
+def image_T_plane(parameters: Array, camera_matrix: Array | None) -> Array:  # noqa: N802
+    """Return the homography (3, 3) of `solve`'s parameters."""
+    if camera_matrix is None:
+        return np.append(parameters[:8], 1.0).reshape(3, 3)
+    pose = Rotation.from_rotvec(parameters[:3]).as_matrix()
+    pose[:, 2] = parameters[3:6]
+    return camera_matrix @ pose
 
 
-def _two_poses(rays_T_plane: Array) -> list[tuple[Rotation, Array]]:  # noqa: N803
-    """Return the pose of a homography, and the one with mirrored tilt, which looks almost the same.
+def _two_poses(rays_T_plane: Array) -> list[Array]:  # noqa: N803
+    """Return the pose (6,) of a homography, and the one with mirrored tilt, which looks almost the same.
 
     OpenCV's IPPE_SQUARE returns both as well, but NaN for a plane square to the camera.
     """
@@ -81,7 +56,7 @@ def _two_poses(rays_T_plane: Array) -> list[tuple[Rotation, Array]]:  # noqa: N8
     mirror = np.diag([1.0, 1.0, -1.0])
     from_sight = sight.as_matrix()
     leaning_back = from_sight.T @ mirror @ from_sight @ turn @ mirror
-    return [(Rotation.from_matrix(r), pose[:, 2]) for r in (turn, leaning_back)]
+    return [np.append(Rotation.from_matrix(r).as_rotvec(), pose[:, 2]) for r in (turn, leaning_back)]
 
 
 def _corners_in_plane(second: Array) -> Array:
@@ -89,15 +64,31 @@ def _corners_in_plane(second: Array) -> Array:
     return np.vstack([SQUARE, SQUARE @ np.array([[c, s], [-s, c]]) + second[:2]])
 
 
-def solve(model: MarkerPlane, ideal_px: Array, noise_px: float) -> tuple[Array, Array, float]:
-    """Return the best parameters (P,), one-sigma directions (P, P) as rows, and the rms residual in px."""
+def solve(ideal_px: Array, camera_matrix: Array | None, noise_px: float) -> tuple[Array, Array, float]:
+    """Fit the plane of both markers, seen by a camera of known matrix, or by an unknown camera (None).
+
+    Returns the best parameters (P,), one-sigma directions (P, P) as rows, and the rms residual in px.
+    Parameters: the plane's pose (6), or without a camera a homography (8); then x, y and rotation of the
+    second marker in the plane of the first. Unit of the plane: a marker's side.
+    """
 
     def missed(parameters: Array) -> Array:
         plane = np.column_stack([_corners_in_plane(parameters[-3:]), np.ones(8)])
-        rays = plane @ model.image_T_plane(parameters).T
+        rays = plane @ image_T_plane(parameters, camera_matrix).T
         return (rays[:, :2] / rays[:, 2:] - ideal_px.reshape(8, 2)).reshape(-1)
 
-    fits = [least_squares(missed, start, method="lm", x_scale="jac") for start in model.starts]
+    seen = cv2.getPerspectiveTransform(SQUARE.astype(np.float32), ideal_px[0].astype(np.float32))
+    first = np.asarray(seen, dtype=np.float64)
+    fits = []
+    # one small marker allows two poses; the second marker resolves the ambiguity
+    poses = None if camera_matrix is None else _two_poses(np.linalg.solve(camera_matrix, first))
+    for guess in poses or [first.reshape(-1)[:8]]:
+        back = np.linalg.inv(image_T_plane(guess, camera_matrix))
+        corners = cv2.perspectiveTransform(ideal_px[1][None], back)[0]
+        centre = corners.mean(axis=0)
+        turn = np.angle(((SQUARE @ (1, 1j)).conj() * ((corners - centre) @ (1, 1j))).sum())
+        start = np.concatenate([guess, centre, [turn]])
+        fits.append(least_squares(missed, start, method="lm", x_scale="jac"))
     best = min(fits, key=lambda fit: fit.cost)
     _, strengths, directions = np.linalg.svd(best.jac, full_matrices=False)
     if not best.success or strengths[-1] < 1e-12 * strengths[0]:
@@ -185,8 +176,8 @@ def fit_plane(corners_px: Array, camera: CameraModel | None = None) -> PlaneRefe
     mean = corners_px.mean(axis=0)
     ideal = mean if camera is None else camera.undistorted(mean)
     scatter = float(np.sqrt(corners_px.var(axis=0, ddof=1).mean()))
-    model = MarkerPlane(ideal, None if camera is None else camera.matrix)
-    parameters, spread, fit = solve(model, ideal, scatter / np.sqrt(len(corners_px)))
+    matrix = None if camera is None else camera.matrix
+    parameters, spread, fit = solve(ideal, matrix, scatter / np.sqrt(len(corners_px)))
     side = float(side_lengths(ideal).mean())
     if fit > _WORST_FIT_PX * max(1.0, side / 100):
         raise CalibrationError(
@@ -195,12 +186,11 @@ def fit_plane(corners_px: Array, camera: CameraModel | None = None) -> PlaneRefe
         )
     shifted = np.vstack([parameters, parameters + spread])
     off = () if camera is None else tuple(camera.off_by_one_sigma())
-    inverses = [np.linalg.inv(model.image_T_plane(p)) for p in shifted]
+    planes = [image_T_plane(p, matrix) for p in shifted]
     for other in off:
-        seen = other.undistorted(mean)
-        plane = MarkerPlane(seen, other.matrix)
-        inverses.append(np.linalg.inv(plane.image_T_plane(solve(plane, seen, 0.0)[0])))
-    inverse = np.array(inverses)
+        found, *_ = solve(other.undistorted(mean), other.matrix, 0.0)
+        planes.append(image_T_plane(found, other.matrix))
+    inverse = np.array([np.linalg.inv(plane) for plane in planes])
     normal = tilt_deg = distance = None
     if camera is not None:
         turn, (x, y) = Rotation.from_rotvec(parameters[:3]), _corners_in_plane(parameters[-3:]).mean(axis=0)
@@ -208,17 +198,7 @@ def fit_plane(corners_px: Array, camera: CameraModel | None = None) -> PlaneRefe
         tilt_deg = float(np.degrees(np.arctan2(np.hypot(*normal[:2]), -normal[2])))
         distance = float(np.linalg.norm(turn.apply([x, y, 0.0]) + parameters[3:6]))
     reference = PlaneReference(
-        corners_px=mean,
-        plane_T_image=inverse,
-        template=np.empty(0, np.complex128),
-        side_px=side,
-        scatter_px=scatter,
-        fit_px=fit,
-        camera=camera,
-        off=off,
-        normal_camera=normal,
-        tilt_deg=tilt_deg,
-        distance_sides=distance,
+        mean, inverse, np.empty(0, np.complex128), side, scatter, fit, camera, off, normal, tilt_deg, distance
     )
     return replace(reference, template=_in_plane(inverse, reference.undistorted(mean)))
 
@@ -450,27 +430,17 @@ def assess_markers(pictures: Sequence[Image], angle: MarkerAngle) -> MarkerRepor
         if camera_deg > plane_deg
         else "by the corners at rest: more light, larger markers, less tilt"
     )
-    text = f"a rotation of {TURN_DEG:.0f} degrees is known only to {{value:.3f}} degrees, " + cause
-    turn = limit(float(np.hypot(plane_deg, camera_deg)), 0.1, 1.0, text)
-    assessment = _assess(plane, sigma, drift, len(rest) / len(answers)) + turn + doubts
-    corners = np.array([found for found in seen if not isinstance(found, Refusal)])
-    return MarkerReport(assessment, plane, rest, corners, sigma, drift, refused, *parts)
-
-
-def _assess(plane: PlaneReference, sigma_deg: float, drift_deg: float, answered: float) -> Assessment:
-    return (
-        floor(
-            plane.side_px, 30.0, 16.0, "markers are {value:.0f} px wide; 40 px and more are good: move nearer"
-        )
-        + limit(
-            sigma_deg, 0.05, 1.0,
-            "the angle at rest has a sigma of {value:.3f} degrees: more light, larger markers",
-        )
-        + limit(abs(drift_deg), 0.05, 1.0, "the angle drifted by {value:.3f} degrees: did something move?")
-        + limit(plane.tilt_deg or 0.0, 30.0, 60.0, "the markers are tilted by {value:.0f} degrees")
-        + limit(
-            plane.fit_px, 0.3, 1.0,
-            "two equal squares fit only to {value:.2f} px: are the markers flat and equal?",
-        )
-        + floor(answered, 0.98, 0.5, "{value:.0%} of the pictures gave an angle")
+    assessment = limits(
+        (plane.side_px, 30.0, 16.0, "markers are {value:.0f} px wide; 40 px and more are good: move nearer"),
+        (sigma, 0.05, 1.0,
+         "the angle at rest has a sigma of {value:.3f} degrees: more light, larger markers"),
+        (abs(drift), 0.05, 1.0, "the angle drifted by {value:.3f} degrees: did something move?"),
+        (plane.tilt_deg or 0.0, 30.0, 60.0, "the markers are tilted by {value:.0f} degrees"),
+        (plane.fit_px, 0.3, 1.0,
+         "two equal squares fit only to {value:.2f} px: are the markers flat and equal?"),
+        (len(rest) / len(answers), 0.98, 0.5, "{value:.0%} of the pictures gave an angle"),
+        (float(np.hypot(plane_deg, camera_deg)), 0.1, 1.0,
+         f"a rotation of {TURN_DEG:.0f} degrees is known only to {{value:.3f}} degrees, {cause}"),
     )  # fmt: skip
+    corners = np.array([found for found in seen if not isinstance(found, Refusal)])
+    return MarkerReport(assessment + doubts, plane, rest, corners, sigma, drift, refused, *parts)

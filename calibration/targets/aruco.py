@@ -9,7 +9,6 @@ around it. OpenCV's CORNER_REFINE_APRILTAG takes 70 ms and more per picture for 
 
 from enum import StrEnum
 from functools import lru_cache
-from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -124,7 +123,13 @@ def refine_edges(gray: Image, corners: Corners, rounds: int = _ROUNDS) -> Corner
         lines = _edge_lines(gray, found, side, reach)
         if lines is None:
             return Refusal.NO_CORNER
-        found = _intersections(*lines)
+        # the intersection of each side's line with the previous one
+        point, direction = lines
+        before, course = point.take(_BEFORE, axis=1), direction.take(_BEFORE, axis=1)
+        cross = course[..., 0] * direction[..., 1] - course[..., 1] * direction[..., 0]
+        gap = point - before
+        step = (gap[..., 0] * direction[..., 1] - gap[..., 1] * direction[..., 0]) / cross
+        found = before + step[..., None] * course
     moved = np.abs(found - corners).max()
     return found if moved <= max(0.2 * side, 2.0) else Refusal.NO_CORNER
 
@@ -154,51 +159,37 @@ def _parameters() -> cv2.aruco.DetectorParameters:
 
 def _dictionary(name: str) -> cv2.aruco.Dictionary:
     """Return OpenCV's dictionary of a name, or that of a file (nmarkers, markersize, marker_0 ...)."""
-    if name.endswith((".yml", ".yaml")):
-        return _dictionary_file(name)
-    if not name.startswith("DICT_") or not hasattr(cv2.aruco, name):
-        raise InputError(f"markers: OpenCV has no dictionary {name!r}; use a name such as DICT_4X4_50")
-    return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, name))
-
-
-def _dictionary_file(path: str) -> cv2.aruco.Dictionary:
-    """Read a custom dictionary in OpenCV's format (nmarkers, markersize, marker_0 ...)."""
+    if not name.endswith((".yml", ".yaml")):
+        if not name.startswith("DICT_") or not hasattr(cv2.aruco, name):
+            raise InputError(f"markers: OpenCV has no dictionary {name!r}; use a name such as DICT_4X4_50")
+        return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, name))
     words = cv2.aruco.Dictionary()
     try:
-        storage = cv2.FileStorage(path, cv2.FILE_STORAGE_READ)
+        storage = cv2.FileStorage(name, cv2.FILE_STORAGE_READ)
         read = storage.isOpened() and words.readDictionary(storage.root())
     except cv2.error as error:
-        raise CalibrationError(f"{path}: holds no marker dictionary OpenCV can read ({error.err})") from error
+        raise CalibrationError(f"{name}: holds no marker dictionary OpenCV can read ({error.err})") from error
     if not read or len(words.bytesList) == 0:
         raise CalibrationError(
-            f"{path}: no marker dictionary there; nmarkers, markersize, marker_0 are needed"
+            f"{name}: no marker dictionary there; nmarkers, markersize, marker_0 are needed"
         )
     return words
 
 
-class _Samples(NamedTuple):
-    """Sampling positions of a side: K places along it, S across.
+@lru_cache(maxsize=64)
+def _samples(places: int, reach_tenths: int) -> tuple[Array, Array, Array]:
+    """Return basis, moments and powers of K places along a side, sampled at S places across it.
 
     basis: (K S, 3) coefficients of corner, direction along and direction outward. moments: (S - 1, 2) sum and
     first moment across. powers: (K, 3) powers 0 to 2 of the fraction of the side.
     """
-
-    basis: Array
-    moments: Array
-    powers: Array
-
-
-@lru_cache(maxsize=64)
-def _samples(places: int, reach_tenths: int) -> _Samples:
     share = np.linspace(_FROM_CORNER, 1.0 - _FROM_CORNER, places)
     across = np.linspace(-reach_tenths / 10.0, reach_tenths / 10.0, _STEPS)
     along, outward = (grid.ravel() for grid in np.meshgrid(share, across, indexing="ij"))
     middle = (across[1:] + across[:-1]) / 2.0
-    return _Samples(
-        np.column_stack([np.ones_like(along), along, outward]),
-        np.column_stack([np.ones_like(middle), middle]),
-        np.vander(share, 3, increasing=True),
-    )
+    basis = np.column_stack([np.ones_like(along), along, outward])
+    moments = np.column_stack([np.ones_like(middle), middle])
+    return basis, moments, np.vander(share, 3, increasing=True)
 
 
 def _edge_lines(gray: Image, corners: Corners, side: float, reach: float) -> tuple[Array, Array] | None:
@@ -208,13 +199,13 @@ def _edge_lines(gray: Image, corners: Corners, side: float, reach: float) -> tup
     """
     ahead = corners.take(_NEXT, axis=1) - corners
     outward = ahead[..., ::-1] * (1.0, -1.0) / np.hypot(ahead[..., :1], ahead[..., 1:])
-    samples = _samples(int(np.clip(side / 2.0, 8, 40)), round(10.0 * reach))
-    where = samples.basis @ np.stack([corners, ahead, outward], axis=-2)
+    basis, moments, powers = _samples(int(np.clip(side / 2.0, 8, 40)), round(10.0 * reach))
+    where = basis @ np.stack([corners, ahead, outward], axis=-2)
     values = cv2.remap(
         gray, where.reshape(-1, _STEPS, 2).astype(np.float32), None, cv2.INTER_LINEAR,  # type: ignore[call-overload]
         borderMode=cv2.BORDER_REPLICATE,
     ).reshape(*corners.shape[:2], -1, _STEPS).astype(np.float64)  # fmt: skip
-    rise = np.maximum(values[..., 1:] - values[..., :-1], 0.0) @ samples.moments
+    rise = np.maximum(values[..., 1:] - values[..., :-1], 0.0) @ moments
     contrast = rise[..., 0]
     edge = rise[..., 1] / np.maximum(contrast, 1e-9)
     middle = contrast.size // 2
@@ -222,22 +213,10 @@ def _edge_lines(gray: Image, corners: Corners, side: float, reach: float) -> tup
     good = contrast > max(_LEAST_CONTRAST, 0.4 * usual)
     if (good.sum(axis=-1) < _FEWEST).any():
         return None
-    start, slope = _fitted(edge, good.astype(np.float64), samples.powers)
-    return corners + start[..., None] * outward, ahead + slope[..., None] * outward
-
-
-def _fitted(edge: Array, weight: Array, powers: Array) -> tuple[Array, Array]:
-    """Fit weighted straight lines to offsets (M, 4, K): offset at the corner, and its slope per side."""
+    # weighted straight lines: offset at the corner, and its slope per side
+    weight = good.astype(np.float64)
     one, along, squared = np.moveaxis(weight @ powers, -1, 0)
     offset, turned = np.moveaxis((weight * edge) @ powers[:, :2], -1, 0)
     slope = (one * turned - along * offset) / (one * squared - along**2)
-    return (offset - slope * along) / one, slope
-
-
-def _intersections(point: Array, direction: Array) -> Corners:
-    """Return the intersections (M, 4, 2) of each side's line with the previous one."""
-    before, course = point.take(_BEFORE, axis=1), direction.take(_BEFORE, axis=1)
-    cross = course[..., 0] * direction[..., 1] - course[..., 1] * direction[..., 0]
-    gap = point - before
-    step = (gap[..., 0] * direction[..., 1] - gap[..., 1] * direction[..., 0]) / cross
-    return before + step[..., None] * course
+    start = (offset - slope * along) / one
+    return corners + start[..., None] * outward, ahead + slope[..., None] * outward

@@ -121,7 +121,7 @@ class StatusClient:
             function = client.read_holding_registers if holding else client.read_input_registers
             return function(preset.status, count=REGISTERS, device_id=preset.unit)
 
-        registers = self._retried(read, preset.read).registers
+        registers = self._ask(read, preset.read).registers
         if len(registers) != REGISTERS:
             self._fail()
             raise DeviceError(
@@ -132,12 +132,8 @@ class StatusClient:
 
     def write_command(self, registers: Sequence[int]) -> None:
         """Write the 8 command registers. Raises `DeviceError`; the gripper may nevertheless have got them."""
-        preset = self._link.preset
-
-        def write(client: "ModbusClient") -> "ModbusPDU":
-            return client.write_registers(preset.command, list(registers), device_id=preset.unit)
-
-        self._retried(write, WRITE_MULTIPLE)
+        first, unit = self._link.preset.command, self._link.preset.unit
+        self._ask(lambda client: client.write_registers(first, [*registers], device_id=unit), WRITE_MULTIPLE)
 
     def close(self) -> None:
         """Close the connection. Safe to call twice."""
@@ -146,20 +142,17 @@ class StatusClient:
             with suppress(OSError):
                 client.close()
 
-    def _retried(self, ask: "Callable[[ModbusClient], ModbusPDU]", function: int) -> "ModbusPDU":
+    def _ask(self, ask: "Callable[[ModbusClient], ModbusPDU]", function: int) -> "ModbusPDU":
         """Send a request up to twice; only once if the connection had just failed, to limit the wait."""
-        if self._failed_ns is None:
-            with suppress(DeviceError):
-                return self._once(ask, function)
-        return self._once(ask, function)
-
-    def _once(self, ask: "Callable[[ModbusClient], ModbusPDU]", function: int) -> "ModbusPDU":
+        may_retry = self._failed_ns is None
         if self._failed_ns is not None:
             self._clock.sleep_until(self._failed_ns + to_ns(self._link.settle_s))
         try:
             reply = self._reply(ask, function)
         except DeviceError:
             self._fail()
+            if may_retry:
+                return self._ask(ask, function)
             raise
         self._failed_ns = None
         return reply

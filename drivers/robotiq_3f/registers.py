@@ -63,34 +63,19 @@ class ObjectStatus(IntEnum):
     AT_REQUEST = 3
 
 
-class FaultCode(IntEnum):
-    """gFLT. 5 to 7: a command is rejected; 9 to 11: temporary; 13 to 15: reset and activate again."""
-
-    NONE = 0x00
-    ACTIVATION_NEEDED = 0x05
-    MODE_CHANGE_PENDING = 0x06
-    NOT_ACTIVATED = 0x07
-    NOT_READY = 0x09
-    MODE_CHANGE_BLOCKED = 0x0A
-    RELEASING = 0x0B
-    ACTIVATION_FAILED = 0x0D
-    MODE_CHANGE_FAILED = 0x0E
-    RELEASED = 0x0F
-
-
+ACTIVATION_NEEDED, MODE_CHANGE_PENDING, NOT_ACTIVATED = 0x05, 0x06, 0x07
 FAULT_TEXTS = {
-    FaultCode.ACTIVATION_NEEDED: "the action waits for the activation to end; activate, then move",
-    FaultCode.MODE_CHANGE_PENDING: "the action waits for the mode change to end; move when it has",
-    FaultCode.NOT_ACTIVATED: "the activation bit is not set; activate, then move",
-    FaultCode.NOT_READY: "the communication chip is not ready (may be booting); wait some seconds",
-    FaultCode.MODE_CHANGE_BLOCKED: "something is in the way of the scissor axis; "
-    "free the fingers within 20 s",
-    FaultCode.RELEASING: "automatic release in progress; wait until the fingers have opened",
-    FaultCode.ACTIVATION_FAILED: "activation failed; free the fingers, then activate again",
-    FaultCode.MODE_CHANGE_FAILED: "the scissor axis was blocked for 20 s; "
-    "free the fingers, then activate again",
-    FaultCode.RELEASED: "automatic release done; activate again",
+    ACTIVATION_NEEDED: "the action waits for the activation to end; activate, then move",
+    MODE_CHANGE_PENDING: "the action waits for the mode change to end; move when it has",
+    NOT_ACTIVATED: "the activation bit is not set; activate, then move",
+    0x09: "the communication chip is not ready (may be booting); wait some seconds",
+    0x0A: "something is in the way of the scissor axis; free the fingers within 20 s",
+    0x0B: "automatic release in progress; wait until the fingers have opened",
+    0x0D: "activation failed; free the fingers, then activate again",
+    0x0E: "the scissor axis was blocked for 20 s; free the fingers, then activate again",
+    0x0F: "automatic release done; activate again",
 }
+"""Codes of gFLT, 0 for none. 5 to 7: a command is rejected; 9 to 11: temporary; 13 to 15: activate again."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -156,7 +141,7 @@ def fault_code_text(code: int) -> str:
     """Return the meaning of a fault code and what to do about it, with its hexadecimal value."""
     if code not in FAULT_TEXTS:
         return f"fault 0x{code:02X}, which is not in the manual; reset and activate the gripper"
-    return f"fault 0x{code:02X}, {FAULT_TEXTS[FaultCode(code)]}"
+    return f"fault 0x{code:02X}, {FAULT_TEXTS[code]}"
 
 
 def pack_command(command: Command) -> tuple[int, ...]:
@@ -215,7 +200,6 @@ def speed_counts(speed_m_s: float) -> int:
 
 ECHO_TIMEOUT_S = 0.8
 """Time in which the gripper must echo a command; it refreshes its registers every 5 ms."""
-NOT_ACTIVE = (FaultCode.ACTIVATION_NEEDED, FaultCode.NOT_ACTIVATED)
 
 
 @dataclass(frozen=True, slots=True)
@@ -293,25 +277,23 @@ def require_sound(status: Status, name: str, was_ready: bool) -> None:
     A gripper that was never activated answers 5 or 7 to a motion; that is its normal state, not a fault.
     name: of the gripper, for the message.
     """
-    unasked = status.fault in NOT_ACTIVE and not status.ready and not was_ready
+    unasked = status.fault in (ACTIVATION_NEEDED, NOT_ACTIVATED) and not status.ready and not was_ready
     if status.fault and not unasked:
         raise GripperFaultError(f"{name}: {fault_code_text(status.fault)}", status.fault)
     if was_ready and not status.ready and status.stage is not Stage.CHANGING_MODE:
         raise GripperFaultError(
             f"{name}: lost its activation (power cut or reset); make sure that the object is safe, "
             "then activate again",
-            FaultCode.ACTIVATION_NEEDED,
+            ACTIVATION_NEEDED,
         )
 
 
 def require_ready(status: Status, name: str) -> None:
     """Raise `GripperFaultError` unless motions may be requested (5: not activated, 6: mode change)."""
     if status.stage is Stage.CHANGING_MODE:
-        raise GripperFaultError(
-            f"{name}: {fault_code_text(FaultCode.MODE_CHANGE_PENDING)}", FaultCode.MODE_CHANGE_PENDING
-        )
+        raise GripperFaultError(f"{name}: {fault_code_text(MODE_CHANGE_PENDING)}", MODE_CHANGE_PENDING)
     if not status.ready:
         raise GripperFaultError(
             f"{name}: not activated; request activation first (the fingers will sweep their range)",
-            FaultCode.ACTIVATION_NEEDED,
+            ACTIVATION_NEEDED,
         )

@@ -9,23 +9,16 @@ the control program. If the controller has the same TCP and payload as the bench
 import contextlib
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 
 from drivers.clock import NS_PER_S, Clock, SystemClock, require_full_speed, slowness_of, to_ns, wait_until
 from drivers.errors import DeviceError, DeviceTimeoutError, InputError, NotConnectedError
 from drivers.interfaces import Arm
 from drivers.motion import PolledMotion, check_joints, check_motion, check_way
 from drivers.types import ArmLimits, ArmMode, ArmState, Pose, Vector3, Vector6
-from drivers.ur5e.controller import (
-    RELEASED,
-    Dashboard,
-    Version,
-    probe_controller,
-    read_speed_fraction,
-    refuse_local_control,
-    serial_number,
-)
+from drivers.ur5e.controller import RELEASED, Dashboard, Version, probe_controller, read_speed_fraction
 from drivers.ur5e.link import ArmLink
-from drivers.ur5e.processes import STOP_DECELERATION_M_S2, ControlCommands, Operation
+from drivers.ur5e.processes import STOP_DECELERATION_M_S2, ControlCommands
 from drivers.ur5e.shared_state import StateSample
 from drivers.ur5e.status import (
     JOINT_RANGE_RAD,
@@ -34,7 +27,6 @@ from drivers.ur5e.status import (
     from_ur,
     is_still,
     program_reason,
-    refused,
     stop_reason,
     to_ur,
 )
@@ -57,7 +49,6 @@ _POLL_S = 0.004
 """Interval at which the arm's state is polled."""
 SAME_TCP, SAME_KG, SAME_COG_M = 1e-4, 1e-3, 1e-3
 """Tolerances for equal settings: TCP in m and rad, mass in kg, centre of gravity in m."""
-USED_TOO_EARLY = "arm: used before connect; connect the bench first"
 REMOTE_SINCE: Version = (5, 6, 0, 0)
 """First controller software whose dashboard reports remote control and the serial number."""
 BEGIN_LIMIT_S = 0.5
@@ -97,7 +88,6 @@ class UR5e(Arm):
         self._host_clock = SystemClock(slowness_of(self.clock))
         self._tool = ToolSetting(to_ur(flange_T_tcp), payload_kg, payload_cog_m)
         self._link: ArmLink | None = None
-        self._dashboard: Dashboard | None = None
         self._identity: dict[str, str] = {}
         self._reports_remote = True
         self.stops = 0
@@ -124,17 +114,18 @@ class UR5e(Arm):
         self.disconnect()
         self._clock_ahead_ns = self.clock.now_ns() - self._host_clock.now_ns()
         version = probe_controller(self._host, PROBE_S, self.clock)
+        dashboard = Dashboard(self._host, clock=self.clock)
         try:
-            self._dashboard = Dashboard(self._host, clock=self.clock)
             self._reports_remote = version >= REMOTE_SINCE
-            self._require_remote_control()
-            serial = serial_number(self._dashboard.ask("get serial number")) if self._reports_remote else ""
-            known = {"firmware": ".".join(map(str, version)), "model": "UR5e", "serial": serial}
-            self._identity = {what: text for what, text in known.items() if text}
-            self._link = ArmLink(self._host, self._rate_hz, version, self._host_clock)
+            self._require_remote_control(dashboard)
+            self._identity = {"firmware": ".".join(map(str, version)), "model": "UR5e"}
+            if self._reports_remote and (serial := dashboard.ask("get serial number")).isdecimal():
+                self._identity["serial"] = serial
+            self._link = ArmLink(self._host, self._rate_hz, version, dashboard, self._host_clock)
             self._connections += 1
             self._take_over(self._link)
         except DeviceError:
+            dashboard.close()
             self._close()
             raise
 
@@ -157,7 +148,7 @@ class UR5e(Arm):
         """
         link = self._require_link()
         sample = link.sample()
-        if link.guiding_lost:
+        if link.state.guiding_lost():
             raise DeviceError(f"arm: guiding by hand had ended: {link.control.ask(ControlCommands.halted)}")
         return ArmState(
             time_ns=sample.sampled_ns + self._clock_ahead_ns,
@@ -190,7 +181,7 @@ class UR5e(Arm):
                 raise DeviceError("arm: stopped while a motion was being prepared; it was not sent")
 
         command = ControlCommands.move_linear
-        started, before = link.control.ask_if(not_stopped, command, pose, speed_m_s, acceleration_m_s2)
+        started, before = link.control.ask(command, pose, speed_m_s, acceleration_m_s2, check=not_stopped)
         if not started:
             raise self._refusal(link, "moveL")
         return ArmMotion(self, base_T_tcp, before, from_ur(sample.pose), stops)
@@ -237,7 +228,7 @@ class UR5e(Arm):
         except DeviceError:
             link.end_control()
             with contextlib.suppress(DeviceError):
-                self._require_dashboard().ask("stop")
+                link.dashboard.ask("stop")
                 self._wait(lambda: self._stands(link), STOP_LIMIT_S, "stop")
 
     def recover(self, confirm: Callable[[str], None]) -> None:
@@ -304,12 +295,13 @@ class UR5e(Arm):
             raise reason
         return sample
 
-    def operation(self) -> Operation:
-        return self._require_link().control.operation()
+    def operation(self) -> tuple[int, bool, str]:
+        """Return `ControlCommands.operation`."""
+        return self._require_link().control.ask(ControlCommands.operation)
 
     def _ready(self, link: ArmLink) -> None:
         """Make sure that this driver controls the arm and its tool is set. Raises `DeviceError`."""
-        self._require_remote_control()
+        self._require_remote_control(link.dashboard)
         if not link.has_control:
             self._take_over(link)
         if self._tool.other is not None:
@@ -320,13 +312,8 @@ class UR5e(Arm):
 
     def _require_link(self) -> ArmLink:
         if self._link is None:
-            raise NotConnectedError(USED_TOO_EARLY)
+            raise NotConnectedError("arm: used before connect; connect the bench first")
         return self._link
-
-    def _require_dashboard(self) -> Dashboard:
-        if self._dashboard is None:
-            raise NotConnectedError(USED_TOO_EARLY)
-        return self._dashboard
 
     def _take_over(self, link: ArmLink) -> None:
         """Start the control program; set the tool, unless a person has to be asked first."""
@@ -356,7 +343,7 @@ class UR5e(Arm):
                 raise DeviceError(
                     "arm: a program moves it; end that program on the pendant, then connect again"
                 )
-            self._require_dashboard().ask("stop")
+            link.dashboard.ask("stop")
             self._wait(lambda: link.sample().runtime_state != PLAYING, END_LIMIT_S, "end its program")
         link.start_control()
         if not link.control.ask(ControlCommands.start_watchdog):
@@ -367,11 +354,11 @@ class UR5e(Arm):
 
         Raises `DeviceError` with the controller's answer if the stop cannot be released.
         """
-        dashboard, replies = self._require_dashboard(), [""]
+        replies = [""]
 
         def released() -> bool:
-            dashboard.ask("close safety popup")
-            replies.append(dashboard.ask("unlock protective stop"))
+            link.dashboard.ask("close safety popup")
+            replies.append(link.dashboard.ask("unlock protective stop"))
             return replies[-1] == RELEASED
 
         try:
@@ -409,7 +396,9 @@ class UR5e(Arm):
         tool.other = None
 
     def _refusal(self, link: ArmLink, command: str) -> DeviceError:
-        return self._ended(link) or refused(command)
+        return self._ended(link) or DeviceError(
+            f"arm: '{command}' was rejected although the program runs; see the log on the pendant"
+        )
 
     def _ended(self, link: ArmLink) -> DeviceError | None:
         """Return why the control program does not run; None if it keeps running."""
@@ -422,25 +411,33 @@ class UR5e(Arm):
             raise DeviceTimeoutError(f"arm: did not {what} within {limit_s:g} s; see the pendant")
 
     def _close(self) -> None:
-        link, dashboard, self._link, self._dashboard = self._link, self._dashboard, None, None
+        link, self._link = self._link, None
         if link is not None:
             link.close()
-        if dashboard is not None:
-            dashboard.close()
 
-    def _require_remote_control(self) -> None:
+    def _require_remote_control(self, dashboard: Dashboard) -> None:
         """Raise `DeviceError` in local control: a person at the pendant then has control of the arm."""
-        if self._reports_remote:
-            refuse_local_control(self._require_dashboard().ask("is in remote control"))
+        if not self._reports_remote:
+            return
+        reply = dashboard.ask("is in remote control")
+        if "true" not in reply.lower():
+            raise DeviceError(
+                f"arm: remote control is off (the dashboard answers '{reply}'); "
+                "switch the pendant to Remote Control, top right, then connect again"
+            )
 
     def _stands(self, link: ArmLink) -> bool:
         """Whether the arm stands and its stop operation has ended, so that a new motion may start."""
         sample = link.sample()
         if not is_still(sample):
             return False
-        return bool(program_reason(sample)) or not link.has_control or not link.control.operation().running
+        if program_reason(sample) or not link.has_control:
+            return True
+        _, running, _ = link.control.ask(ControlCommands.operation)
+        return not running
 
 
+@dataclass(slots=True)
 class ToolSetting:
     """The tool of the bench file, and whether the controller has the same.
 
@@ -449,10 +446,11 @@ class ToolSetting:
     if it does not. agreed: differences that a person agreed to overwrite; they are not asked again.
     """
 
-    def __init__(self, flange_tcp: Vector6, payload_kg: float, payload_cog_m: Vector3) -> None:
-        self.flange_tcp, self.payload_kg, self.payload_cog_m = flange_tcp, payload_kg, payload_cog_m
-        self.other: str | None = None
-        self.agreed: set[str] = set()
+    flange_tcp: Vector6
+    payload_kg: float
+    payload_cog_m: Vector3
+    other: str | None = None
+    agreed: set[str] = field(default_factory=set)
 
     def compare(self, link: ArmLink) -> bool:
         """Whether to set the tool: all values that the controller reports agree, or a person agreed."""
@@ -534,8 +532,8 @@ class ArmMotion(PolledMotion):
 
     def _there(self, sample: StateSample) -> bool:
         """Whether the arm is at the target, or was stopped since the motion began."""
-        off_m, off_rad = from_ur(sample.pose).apart(self._target)
-        return self._arm.stops != self._stops or (off_m < NEAR_M and off_rad < NEAR_RAD)
+        there = from_ur(sample.pose).is_near(self._target, NEAR_M, NEAR_RAD)
+        return there or self._arm.stops != self._stops
 
     def _arrived(self, sample: StateSample) -> bool:
         """Whether the state stream also shows the end; it may be one cycle late."""

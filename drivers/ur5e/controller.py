@@ -7,13 +7,11 @@ The dashboard server on port 29999 answers one line per request. ur-rtde's own c
 line, which is too long for a stop. Wording: Universal Robots, "Dashboard Server e-Series".
 """
 
-import re
 import socket
 import struct
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass
-from types import TracebackType
 
 from drivers.clock import NS_PER_S, Clock, SystemClock, host_s, to_ns
 from drivers.errors import DeviceError, DeviceTimeoutError
@@ -159,6 +157,14 @@ def connect(host: str, port: int, deadline: Deadline) -> socket.socket:
     return connection
 
 
+def send(connection: socket.socket, data: bytes, deadline: Deadline, what: str) -> None:
+    try:
+        connection.settimeout(max(deadline.left_s(), 1e-3))
+        connection.sendall(data)
+    except OSError as error:
+        raise DeviceError(f"arm: the connection broke at {what} ({error}); check the network") from error
+
+
 def receive(connection: socket.socket, most: int, deadline: Deadline, what: str) -> bytes:
     """Wait for up to `most` bytes, at least one. Raises `DeviceError` or `DeviceTimeoutError`."""
     connection.settimeout(max(deadline.left_s(), 1e-3))
@@ -197,10 +203,7 @@ def _exactly(read: Callable[[int], bytes], count: int) -> bytes:
 def _ask(connection: socket.socket, kind: bytes, payload: bytes, deadline: Deadline) -> bytes:
     """Send a package and return the payload of its answer; text messages in between are skipped."""
     what = f"request '{kind.decode()}' on port {RTDE_PORT}"
-    try:
-        connection.sendall(_HEADER.pack(_HEADER.size + len(payload), kind[0]) + payload)
-    except OSError as error:
-        raise DeviceError(f"arm: the connection broke at {what} ({error}); check the network") from error
+    send(connection, _HEADER.pack(_HEADER.size + len(payload), kind[0]) + payload, deadline, what)
     while deadline.left_s():
         answered, answer = read_package(lambda most: receive(connection, most, deadline, what))
         if answered == kind:
@@ -229,14 +232,6 @@ class Dashboard:
         self._lock = threading.Lock()
         self._closed = False
         self._connect()
-
-    def __enter__(self) -> "Dashboard":
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
     def close(self) -> None:
         """Close the connection. Safe to call twice."""
@@ -273,14 +268,9 @@ class Dashboard:
             raise
 
     def _ask(self, request: str) -> str:
-        try:
-            self._connection.settimeout(host_s(self._clock, self._timeout_s))
-            self._connection.sendall(request.encode() + b"\n")
-        except OSError as error:
-            raise DeviceError(
-                f"arm: the dashboard connection broke at '{request}' ({error}); check the network"
-            ) from error
-        return self._line(Deadline.after(self._timeout_s, self._clock), f"'{request}'")
+        data, what = request.encode() + b"\n", f"'{request}'"
+        send(self._connection, data, Deadline.after(self._timeout_s, self._clock), f"dashboard, {what}")
+        return self._line(Deadline.after(self._timeout_s, self._clock), what)
 
     def _line(self, deadline: Deadline, what: str) -> str:
         while b"\n" not in self._rest:
@@ -291,17 +281,3 @@ class Dashboard:
             self._rest += receive(self._connection, _LONGEST_LINE, deadline, f"dashboard, {what}")
         line, self._rest = self._rest.split(b"\n", 1)
         return line.decode(errors="replace").strip()
-
-
-def serial_number(reply: str) -> str:
-    """Return the serial number in a reply; empty if the reply contains none."""
-    return reply if re.fullmatch(r"\d+", reply) else ""
-
-
-def refuse_local_control(reply: str) -> None:
-    """Raise `DeviceError` unless the reply to "is in remote control" is true."""
-    if "true" not in reply.lower():
-        raise DeviceError(
-            f"arm: remote control is off (the dashboard answers '{reply}'); "
-            "switch the pendant to Remote Control, top right, then connect again"
-        )

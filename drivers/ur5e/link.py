@@ -19,8 +19,8 @@ from typing import Any, TypeVar, TypeVarTuple
 from drivers.children import python_command
 from drivers.clock import NS_PER_S, Clock, SystemClock, host_s, to_ns, wait_until
 from drivers.errors import DeviceError, DeviceTimeoutError, NotConnectedError
-from drivers.ur5e.controller import Version
-from drivers.ur5e.processes import ControlCommands, Operation
+from drivers.ur5e.controller import Dashboard, Version
+from drivers.ur5e.processes import ControlCommands
 from drivers.ur5e.shared_state import SharedState, StateSample
 from drivers.values import require_fraction, require_number, require_numbers
 
@@ -84,13 +84,9 @@ class ChildProcess:
 
     def end(self) -> None:
         """End the process now and delete its output. Safe to call twice."""
-        self._process.kill()
+        self.kill()
         self.wait(_END_S)
         self._output.close()
-
-
-def no_check() -> None:
-    """Permit a call unconditionally."""
 
 
 CALL_S, STOP_CALL_S = 1.0, 0.3
@@ -107,7 +103,7 @@ class ControlClient:
     """
 
     def __init__(self, connection: socket.socket, process: ChildProcess, clock: Clock) -> None:
-        self._connection, self._process, self._clock = connection, process, clock
+        self._connection, self.process, self._clock = connection, process, clock
         self._lock = threading.Lock()
         self._rest = b""
         self._number = 0
@@ -125,24 +121,17 @@ class ControlClient:
         self,
         command: Callable[[ControlCommands, *Arguments], Answer],
         *arguments: *Arguments,
+        check: Check = lambda: None,
     ) -> Answer:
         """Call a method of `ControlCommands` in the process; return its answer as JSON decodes it.
 
-        Raises `DeviceError` if the process has ended or answers with an error. If it does not answer, raises
-        `DeviceTimeoutError` and ends the process, so that it cannot execute the call later.
+        check: called just before sending; may raise. Raises `DeviceError` if the process has ended or answers
+        with an error. If it does not answer, raises `DeviceTimeoutError` and ends the process, so that it
+        cannot execute the call later.
         """
-        return self.ask_if(no_check, command, *arguments)
-
-    def ask_if(
-        self,
-        check: Check,
-        command: Callable[[ControlCommands, *Arguments], Answer],
-        *arguments: *Arguments,
-    ) -> Answer:
-        """Call a method as `ask` does. check: called just before sending; may raise."""
         name, timeout_s = command.__name__, STOP_CALL_S if command in STOPS else CALL_S
         if not self._lock.acquire(timeout=host_s(self._clock, timeout_s)):
-            raise DeviceTimeoutError(f"arm: {self._process.name} is busy; '{name}' was not sent")
+            raise DeviceTimeoutError(f"arm: {self.process.name} is busy; '{name}' was not sent")
         try:
             check()
             self._number += 1
@@ -156,25 +145,18 @@ class ControlClient:
         finally:
             self._lock.release()
 
-    def operation(self) -> Operation:
-        return Operation(*self.ask(ControlCommands.operation))
-
-    @property
-    def alive(self) -> bool:
-        return self._process.alive
-
     def end(self) -> None:
         """End the process now. Safe to call twice."""
-        self._process.end()
+        self.process.end()
         self._connection.close()
 
-    def _receive(self, timeout_s: float, name: str, check: Check = no_check) -> Any:
+    def _receive(self, timeout_s: float, name: str, check: Check = lambda: None) -> Any:
         deadline = self._clock.now_ns() + to_ns(timeout_s)
         while (answer := self._next_answer())["number"] != self._number:
             if self._clock.now_ns() >= deadline:
-                self._process.kill()
+                self.process.kill()
                 raise DeviceTimeoutError(
-                    f"arm: '{name}' was not answered within {timeout_s:g} s; {self._process.name} was ended. "
+                    f"arm: '{name}' was not answered within {timeout_s:g} s; {self.process.name} was ended. "
                     "Check the controller's network and pendant, then connect again"
                 )
             check()
@@ -203,9 +185,9 @@ class ControlClient:
         self._rest += data
 
     def _lost(self, name: str) -> DeviceError:
-        self._process.wait(host_s(self._clock, _CHECK_S))
+        self.process.wait(host_s(self._clock, _CHECK_S))
         return DeviceError(
-            f"arm: connection lost at '{name}': {self._process.death()}; the arm's state is unknown. "
+            f"arm: connection lost at '{name}': {self.process.death()}; the arm's state is unknown. "
             "Inspect it, then connect again"
         )
 
@@ -229,15 +211,24 @@ _POLL_S = 0.005
 class ArmLink:
     """State and commands of one arm, through ur-rtde in separate processes."""
 
-    def __init__(self, host: str, rate_hz: float, version: Version, clock: SystemClock) -> None:
-        """Start to receive states. Raises `DeviceError` if no state arrives."""
-        require_ur_rtde()
-        self._host, self._clock = host, clock
-        self._state = SharedState()
+    def __init__(
+        self, host: str, rate_hz: float, version: Version, dashboard: Dashboard, clock: SystemClock
+    ) -> None:
+        """Start to receive states. dashboard: is closed with the link.
+
+        Raises `DeviceError` if ur-rtde is not installed, or if no state arrives.
+        """
+        if any(importlib.util.find_spec(name) is None for name in ("rtde_control", "rtde_receive")):
+            raise DeviceError(
+                "arm: the library ur-rtde is not installed here (it exists for Linux on x86-64, Python 3.11 "
+                "and 3.12); install it, or use a bench with another arm"
+            )
+        self.dashboard, self._host, self._clock = dashboard, host, clock
+        self.state = SharedState()
         self._control: ControlClient | None = None
-        self._common = (host, self._state.fd, os.getpid(), clock.slowness)
+        self._common = (host, self.state.fd, os.getpid(), clock.slowness)
         arguments = (*self._common, rate_hz, int(version >= WITH_PAYLOAD))
-        self._listener = ChildProcess("the state process", "state", arguments, (self._state.fd,))
+        self._listener = ChildProcess("the state process", "state", arguments, (self.state.fd,))
         try:
             if not wait_until(self._clock, self._has_state, STREAM_START_S, _POLL_S):
                 raise DeviceTimeoutError(
@@ -248,10 +239,11 @@ class ArmLink:
             raise
 
     def close(self) -> None:
-        """End both processes. Safe to call twice."""
+        """End both processes, and close the dashboard. Safe to call twice."""
         self.end_control()
         self._listener.end()
-        self._state.close()
+        self.state.close()
+        self.dashboard.close()
 
     def sample(self) -> StateSample:
         """Return the newest sample; each call counts as a sign of life (`drivers.ur5e.heartbeat`).
@@ -260,8 +252,8 @@ class ArmLink:
         `InvalidStateError` if the controller sent NaN or infinity.
         """
         now_ns = self._clock.now_ns()  # before the sample is read: the host may suspend this program between
-        self._state.note_poll(now_ns)
-        sample = self._state.read()
+        self.state.note_poll(now_ns)
+        sample = self.state.read()
         age_s = (now_ns - sample.received_ns) / NS_PER_S if sample else float("inf")
         if sample is not None and age_s < STALE_S:
             # Payload and its centre are not checked: they are NaN if the controller does not report them.
@@ -284,18 +276,13 @@ class ArmLink:
             "inspect it, check the controller and the network, then connect again"
         )
 
-    @property
-    def guiding_lost(self) -> bool:
-        """Whether guiding by hand was ended because this program did not poll the arm."""
-        return self._state.guiding_lost()
-
     def start_control(self) -> None:
         """Start the command process, which uploads the control program. Nothing moves."""
         for left in reversed(range(START_TRIES)):
             self.end_control()
             here, there = socket.socketpair()
             with there:
-                arguments, fds = (*self._common, there.fileno()), (self._state.fd, there.fileno())
+                arguments, fds = (*self._common, there.fileno()), (self.state.fd, there.fileno())
                 process = ChildProcess("the command process", "control", arguments, fds)
             self._control = ControlClient(here, process, self._clock)
             try:
@@ -314,7 +301,7 @@ class ArmLink:
 
     @property
     def has_control(self) -> bool:
-        return self._control is not None and self._control.alive
+        return self._control is not None and self._control.process.alive
 
     @property
     def control(self) -> ControlClient:
@@ -325,7 +312,7 @@ class ArmLink:
         return control
 
     def _has_state(self) -> bool:
-        if self._state.read() is not None:
+        if self.state.read() is not None:
             return True
         if not self._listener.alive:
             raise DeviceError(
@@ -333,12 +320,3 @@ class ArmLink:
                 "make sure that no fieldbus or other client holds its registers, then connect again"
             )
         return False
-
-
-def require_ur_rtde() -> None:
-    """Raise `DeviceError` if the arm's client library is not installed."""
-    if any(importlib.util.find_spec(name) is None for name in ("rtde_control", "rtde_receive")):
-        raise DeviceError(
-            "arm: the library ur-rtde is not installed here (it exists for Linux on x86-64, Python 3.11 and "
-            "3.12); install it, or use a bench with another arm"
-        )

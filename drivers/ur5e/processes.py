@@ -28,7 +28,7 @@ import threading
 from collections.abc import Sequence
 from contextlib import nullcontext
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any
 
 from drivers.clock import NS_PER_S, Clock, SystemClock, host_s, require_full_speed, to_ns
 from drivers.realtime import ask_for_realtime, ordinary
@@ -41,46 +41,25 @@ WATCHDOG_HZ = 12.5
 """Lowest rate of kicks: after 80 ms without one the controller ends the program."""
 
 
-class Operation(NamedTuple):
-    """Number of the newest operation on the controller, and whether it is running.
-
-    halted: reason if `drivers.ur5e.heartbeat` stopped it before its end.
-    """
-
-    number: int
-    running: bool
-    halted: str = ""
-
-
-class Watchdog:
-    """Kicks the controller's watchdog after it was started."""
-
-    def __init__(self, control: Any, clock: Clock) -> None:
-        self._control, self._clock = control, clock
-        self._next_ns: int | None = None
-
-    def start(self) -> bool:
-        """Start the watchdog: from now on the program ends if nothing is written for 80 ms."""
-        started = self._control.setWatchdog(WATCHDOG_HZ)
-        self._next_ns = self._clock.now_ns() if started else None
-        return started
-
-    def kick(self) -> None:
-        if self._next_ns is not None and self._clock.now_ns() >= self._next_ns:
-            self._next_ns = self._clock.now_ns() + to_ns(KICK_S)
-            if self._control.isProgramRunning():
-                self._control.kickWatchdog()
-
-
 class ControlCommands:
     """The calls. `control` is ur-rtde's `RTDEControlInterface`, which has no type hints.
 
     Poses are x y z in m and a rotation vector in rad. A result of False: the controller rejected the command.
     """
 
-    def __init__(self, control: Any, watchdog: Watchdog, heartbeat: Heartbeat) -> None:
-        self._control, self._watchdog, self._heartbeat = control, watchdog, heartbeat
+    def __init__(self, control: Any, heartbeat: Heartbeat, clock: Clock) -> None:
+        self._control, self.heartbeat, self._clock = control, heartbeat, clock
         self._guided = False
+        self._kick_ns: int | None = None
+        """When the controller's watchdog is kicked next; None before it was started."""
+
+    def supervise(self) -> None:
+        """Kick the controller's watchdog if due; stop a motion whose program no longer polls the arm."""
+        if self._kick_ns is not None and self._clock.now_ns() >= self._kick_ns:
+            self._kick_ns = self._clock.now_ns() + to_ns(KICK_S)
+            if self._control.isProgramRunning():
+                self._control.kickWatchdog()
+        self.heartbeat.check()
 
     def tcp(self) -> Sequence[float]:
         return self._control.getTCPOffset()
@@ -93,8 +72,10 @@ class ControlCommands:
         return self._control.setPayload(mass_kg, cog_m)
 
     def start_watchdog(self) -> bool:
-        """Make the controller end the program, and so the motion, if this process stops kicking it."""
-        return self._watchdog.start()
+        """From now on the controller ends the program, and so the motion, after 80 ms without a kick."""
+        started = self._control.setWatchdog(WATCHDOG_HZ)
+        self._kick_ns = self._clock.now_ns() if started else None
+        return started
 
     def joints_for(self, pose: Sequence[float], near_rad: Sequence[float]) -> list[float] | None:
         """Return joint angles that reach a pose, those closest to `near_rad`; None if there are none.
@@ -111,16 +92,17 @@ class ControlCommands:
     ) -> tuple[bool, int]:
         """Start a straight motion; also return the number of the operation before it."""
         before = self._control.getAsyncOperationProgressEx().operationId()
-        self._heartbeat.begin(speed_m_s)
+        self.heartbeat.begin(speed_m_s)
         return self._control.moveL(pose, speed_m_s, acceleration_m_s2, True), before
 
-    def operation(self) -> Operation:
+    def operation(self) -> tuple[int, bool, str]:
+        """Return number and running of the newest operation, and why the heartbeat ended it, as `halted`."""
         status = self._control.getAsyncOperationProgressEx()
-        return Operation(status.operationId(), status.isAsyncOperationRunning(), self._heartbeat.halted)
+        return status.operationId(), status.isAsyncOperationRunning(), self.heartbeat.halted
 
     def stop_linear(self, deceleration_m_s2: float) -> None:
         """Start braking along the path; if the arm is led by hand, guiding is ended first."""
-        self._heartbeat.end()
+        self.heartbeat.end()
         if self._guided:
             self.end_guiding()
         self._control.stopL(deceleration_m_s2, True)
@@ -128,18 +110,18 @@ class ControlCommands:
     def begin_guiding(self) -> bool:
         """Let a person lead the arm by hand (URScript teach_mode)."""
         self._guided = True
-        self._heartbeat.begin(None)
+        self.heartbeat.begin(None)
         return self._control.teachMode()
 
     def end_guiding(self) -> bool:
         """Return to position control (URScript end_teach_mode)."""
-        self._heartbeat.end()
+        self.heartbeat.end()
         self._guided = False
         return self._control.endTeachMode()
 
     def halted(self) -> str:
         """Return why `drivers.ur5e.heartbeat` ended the newest motion or guiding; empty if it did not."""
-        return self._heartbeat.halted
+        return self.heartbeat.halted
 
     def zero_force_sensor(self) -> bool:
         return self._control.zeroFtSensor()
@@ -169,18 +151,11 @@ AT_ONCE = ("stop_linear", "end_program", "operation", "halted")
 COMMANDS = {name: method for name, method in vars(ControlCommands).items() if not name.startswith("_")}
 
 
-def serve(
-    connection: socket.socket,
-    commands: ControlCommands,
-    watchdog: Watchdog,
-    heartbeat: Heartbeat,
-    clock: Clock,
-) -> None:
+def serve(connection: socket.socket, commands: ControlCommands, clock: Clock) -> None:
     """Answer calls until the client closes the connection; then nobody supervises the arm, so stop it."""
     lines, tick_s = connection.makefile("rb"), host_s(clock, TICK_S)
     while True:
-        watchdog.kick()
-        heartbeat.check()
+        commands.supervise()
         if not select.select([connection], [], [], tick_s)[0]:
             continue
         line = lines.readline()
@@ -192,7 +167,7 @@ def serve(
         with nullcontext() if request["call"] in AT_ONCE else ordinary():
             reply = answer(commands, request)
         _send(connection, reply)
-        heartbeat.answered(asked_ns)
+        commands.heartbeat.answered(asked_ns)
 
 
 def answer(commands: ControlCommands, request: dict[str, Any]) -> dict[str, Any]:
@@ -325,9 +300,8 @@ def run_control(host: str, state: SharedState, parent_pid: int, clock: SystemClo
         return 0
     faulthandler.cancel_dump_traceback_later()
     _send(connection, {"number": 0, "value": "ready"})
-    watchdog = Watchdog(control, clock)
     heartbeat = Heartbeat(control, state, Program(parent_pid, clock.slowness), clock)
-    serve(connection, ControlCommands(control, watchdog, heartbeat), watchdog, heartbeat, clock)
+    serve(connection, ControlCommands(control, heartbeat, clock), clock)
     return 0
 
 

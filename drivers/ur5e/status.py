@@ -91,11 +91,6 @@ def program_reason(sample: StateSample) -> DeviceError | None:
     return reason
 
 
-def refused(command: str) -> DeviceError:
-    """Return the error for a command that the controller rejected although its program runs."""
-    return DeviceError(f"arm: '{command}' was rejected although the program runs; see the log on the pendant")
-
-
 _TURN = 2 * math.pi
 JOINT_RANGE_RAD: tuple[Vector6, Vector6] = (
     (-_TURN, -_TURN, -_TURN, -_TURN, -_TURN, -_TURN),

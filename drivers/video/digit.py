@@ -15,12 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.clock import Clock, SystemClock
-from drivers.errors import DeviceError, InputError, OutOfLimitsError
+from drivers.errors import DamagedFrameError, DeviceError, InputError, OutOfLimitsError
 from drivers.interfaces import TactileSensor
 from drivers.types import Image
 from drivers.video.mjpeg import MjpegStream
-from drivers.video.reader import AddressedSource, OpenSource, SourceSpec
-from drivers.video.stream import DecodedFrame, RawFrame, decode_frame
+from drivers.video.reader import AddressedSource, SourceSpec
+from drivers.video.stream import FrameStream, RawFrame, decode_frame
 from drivers.video.v4l2 import Discover, OpenCapture, V4l2Stream, list_video_nodes, open_capture
 
 MODES = {(320, 240): (60.0, 30.0), (640, 480): (30.0, 15.0)}
@@ -71,28 +71,28 @@ class Digit(AddressedSource, TactileSensor):
         if not all(0.0 <= value <= 1.0 for value in (red, green, blue)):
             raise OutOfLimitsError(f"{self.serial}: light {(red, green, blue)}: give each colour from 0 to 1")
         self._light = (red, green, blue)
-        source = self._source
-        if self.connected and source is not None and not self._apply_light(source):
-            raise DeviceError(f"{self.serial}: {source.address} has no LEDs to set")
+        if self.connected and self._opened is not None and not self._apply_light(self._opened):
+            raise DeviceError(f"{self.serial}: {self._spec.address} has no LEDs to set")
 
     def connect(self) -> None:
         """Start capturing. The first good image is the reference for checking later images."""
         self._glitches = GlitchCheck()
         super().connect()
 
-    def _prepare(self, source: OpenSource) -> None:
-        self._apply_light(source)
+    def _prepare(self, stream: FrameStream) -> None:
+        self._apply_light(stream)
         self._glitches.reopened()
 
-    def _decode(self, raw: RawFrame) -> DecodedFrame:
-        frame = decode_frame(raw, self._size_px, upright=True)
-        return DecodedFrame(frame.image, frame.jpeg, self._glitches.flaw(frame.image))
+    def _decode(self, raw: RawFrame) -> tuple[Image, bytes | None]:
+        image, jpeg = decode_frame(raw, self._size_px, upright=True)
+        if (flaw := self._glitches.flaw(image)) is not None:
+            raise DamagedFrameError(f"its images are {flaw}; check its cable", flaw)
+        return image, jpeg
 
-    def _apply_light(self, source: OpenSource) -> bool:
+    def _apply_light(self, stream: FrameStream) -> bool:
         """Set the LEDs; return False if the source has none."""
-        stream = source.stream
         if isinstance(stream, V4l2Stream):
-            stream.set_zoom(light_value(self._light, source.node.revision if source.node else ""))
+            stream.set_zoom(light_value(self._light, stream.node.revision))
         elif isinstance(stream, MjpegStream) and stream.control_url is not None:
             stream.configure([{"light": list(self._light)}])
         else:

@@ -14,7 +14,7 @@ from drivers.clock import Clock, SystemClock
 from drivers.interfaces import Camera
 from drivers.types import Image
 from drivers.video.reader import AddressedSource, SourceSpec
-from drivers.video.stream import DecodedFrame, RawFrame, decode, decode_frame, whole_jpeg
+from drivers.video.stream import RawFrame, decode, decode_frame, whole_jpeg
 from drivers.video.v4l2 import Discover, OpenCapture, list_video_nodes, open_capture
 
 
@@ -41,7 +41,7 @@ class ExternalCamera(AddressedSource, Camera):
         super().__init__(spec, clock or SystemClock(), discover, open_device)
         self._size_px = size_px
 
-    def _decode(self, raw: RawFrame) -> DecodedFrame:
+    def _decode(self, raw: RawFrame) -> tuple[Image, bytes | None]:
         return decode_frame(raw, self._size_px, upright=False)
 
 
@@ -67,11 +67,12 @@ class GelSightMini(ExternalCamera):
         is_device = address is None or address.startswith("/dev/")
         super().__init__(serial, address, rate_hz or RATE_HZ, RAW_PX if is_device else None, clock=clock)
 
-    def _decode(self, raw: RawFrame) -> DecodedFrame:
+    def _decode(self, raw: RawFrame) -> tuple[Image, bytes | None]:
         if raw.encoded is not None and raw.encoded.startswith(b"\xff\xd8"):
             jpeg, (width, _) = whole_jpeg(raw.encoded)
-            return DecodedFrame(crop_gel(decode(jpeg, SHRINK if width >= RAW_PX[0] else 1)), None)
-        return DecodedFrame(crop_gel(decode_frame(raw, None, upright=False).image), None)
+            return crop_gel(decode(jpeg, SHRINK if width >= RAW_PX[0] else 1)), None
+        image, _ = decode_frame(raw, None, upright=False)
+        return crop_gel(image), None
 
 
 def crop_gel(image: Image) -> Image:

@@ -25,10 +25,10 @@ from drivers.errors import (
 from drivers.formats import without_passwords
 from drivers.interfaces import FrameSource
 from drivers.tally import PictureNews
-from drivers.types import Frame
+from drivers.types import Frame, Image
 from drivers.video.files import FolderStream, VideoStream, check_video, image_files
 from drivers.video.mjpeg import MjpegStream, split_url
-from drivers.video.stream import CaptureTimes, DecodedFrame, FrameStream, RawFrame, SequenceCounter
+from drivers.video.stream import CaptureTimes, FrameStream, RawFrame, SequenceCounter
 from drivers.video.v4l2 import Discover, OpenCapture, V4l2Stream, VideoNode, find_video_node, on_same_bus
 
 _HINT = "check that it still streams, its cable and its port"
@@ -142,7 +142,7 @@ FIRST_PAUSE_S, LONGEST_PAUSE_S = 0.1, 2.0
 KINDS = ("frames", "unread", "frozen", "green", "shifted", "damaged", "warm_up", "reopened")
 
 
-Decode = Callable[[RawFrame], DecodedFrame]
+Decode = Callable[[RawFrame], tuple[Image, bytes | None]]
 Open = Callable[[], FrameStream]
 
 
@@ -303,23 +303,17 @@ class FrameReader(FrameSource):
         time_ns = times.time_of(raw)
         sequence = self._count.sequence_of(raw.number, time_ns, times.kind != "arrival")
         try:
-            decoded = self._decode(raw)
+            image, jpeg = self._decode(raw)
         except DamagedFrameError as error:
-            self._withhold(run, "damaged", str(error))
+            self._counts[error.kind] += 1
+            run.buffer.withhold(str(error))
             return
-        if decoded.flaw is not None:
-            self._withhold(run, decoded.flaw, f"its images are {decoded.flaw}; check its cable")
-            return
-        frame = Frame(decoded.image, time_ns, sequence, self._serial, decoded.jpeg)
+        frame = Frame(image, time_ns, sequence, self._serial, jpeg)
         news.add(frame.image, time_ns)
         self._counts["frozen"] += news.repeated
         self._times = times
         self._counts["frames"] += 1
         self._counts["unread"] += run.buffer.put(frame)
-
-    def _withhold(self, run: _Run, kind: str, remark: str) -> None:
-        self._counts[kind] += 1
-        run.buffer.withhold(remark)
 
 
 @dataclass(frozen=True, slots=True)
@@ -364,16 +358,7 @@ class SourceSpec:
         return split_url(self.address).hostname if self.address and "://" in self.address else None
 
 
-@dataclass(frozen=True, slots=True)
-class OpenSource:
-    """An open stream, and its video device if it belongs to one on this computer."""
-
-    stream: FrameStream
-    address: str
-    node: VideoNode | None = None
-
-
-def open_source(spec: SourceSpec, clock: Clock, discover: Discover, open_device: OpenCapture) -> OpenSource:
+def open_source(spec: SourceSpec, clock: Clock, discover: Discover, open_device: OpenCapture) -> FrameStream:
     """Open a source, and set its size and rate. Raises `DeviceError`."""
     address = spec.address
     if address is None or spec.is_device:
@@ -383,9 +368,7 @@ def open_source(spec: SourceSpec, clock: Clock, discover: Discover, open_device:
         else:  # udev need not list it
             known = (node for node in nodes if node.device == address)
             node = next(known, VideoNode(address, spec.serial))
-        sharing = on_same_bus(node, nodes)
-        stream = V4l2Stream(node.device, spec.size_px, spec.rate_hz, clock, open_device, sharing)
-        return OpenSource(stream, node.device, node)
+        return V4l2Stream(node, spec.size_px, spec.rate_hz, clock, open_device, on_same_bus(node, nodes))
     if "://" in address:
         stream = MjpegStream(address, spec.rate_hz, clock)
         try:
@@ -395,10 +378,9 @@ def open_source(spec: SourceSpec, clock: Clock, discover: Discover, open_device:
         except DeviceError:
             stream.close()
             raise
-        return OpenSource(stream, address)
+        return stream
     path = Path(address)
-    kind = FolderStream if path.is_dir() else VideoStream
-    return OpenSource(kind(path, spec.rate_hz, clock), address)
+    return (FolderStream if path.is_dir() else VideoStream)(path, spec.rate_hz, clock)
 
 
 class AddressedSource(FrameReader):
@@ -409,46 +391,45 @@ class AddressedSource(FrameReader):
         require_full_speed(clock, spec.serial, spec.host)
         self._spec, self._clock, self._discover = spec, clock, discover
         self._open_device = open_device
-        self._source: OpenSource | None = None
+        self._opened: FrameStream | None = None
+        """The stream that was opened last."""
 
     def identity(self) -> dict[str, str]:
         """Return what the device reports about itself (if it has been opened), and where it was found."""
-        source = self._source
-        node = source.node if source is not None else None
+        node = self._opened.node if isinstance(self._opened, V4l2Stream) else VideoNode("", "")
+        address = "" if self._opened is None else node.device or self._spec.address or ""
         return {
             "serial": self.serial,
-            "model": node.model if node is not None else "",
-            "firmware": node.revision if node is not None else "",
-            "usb": f"{node.usb_bus} port {node.usb_port}" if node is not None and node.usb_bus else "",
-            "address": without_passwords(source.address) if source is not None else "",
+            "model": node.model,
+            "firmware": node.revision,
+            "usb": f"{node.usb_bus} port {node.usb_port}" if node.usb_bus else "",
+            "address": without_passwords(address),
             "capture time": self.time_kind,
         }
 
-    def _prepare(self, source: OpenSource) -> None:
+    def _prepare(self, stream: FrameStream) -> None:
         """Set up a source after it was opened, beyond its size and rate. Raises `DeviceError`."""
 
     @abstractmethod
-    def _decode(self, raw: RawFrame) -> DecodedFrame:
-        """Decode a frame. Raises `DeviceError`."""
+    def _decode(self, raw: RawFrame) -> tuple[Image, bytes | None]:
+        """Decode a frame, as `decode_frame`. Raises `DeviceError`."""
 
     def _open(self) -> FrameStream:
-        source = open_source(self._spec, self._clock, self._discover, self._open_device)
+        stream = open_source(self._spec, self._clock, self._discover, self._open_device)
         try:
-            self._require_same_device(source)
-            self._prepare(source)
+            if isinstance(stream, V4l2Stream) and isinstance(self._opened, V4l2Stream):
+                self._require_same_device(self._opened.node, stream.node)
+            self._prepare(stream)
         except DeviceError:
-            source.stream.close()
+            stream.close()
             raise
-        self._source = source
-        return source.stream
+        self._opened = stream
+        return stream
 
-    def _require_same_device(self, source: OpenSource) -> None:
+    def _require_same_device(self, before: VideoNode, now: VideoNode) -> None:
         """Raise `DeviceError` if another device is at the address than when it was last opened."""
-        before = self._source.node if self._source is not None else None
-        if before is None or source.node is None or not before.serial or not source.node.serial:
-            return
-        if source.node.serial != before.serial:
+        if before.serial and now.serial and now.serial != before.serial:
             raise DeviceError(
-                f"{self.serial}: the device at {source.address} has the serial {source.node.serial}, it had "
+                f"{self.serial}: the device at {now.device} has the serial {now.serial}, it had "
                 f"{before.serial}: the sensors were exchanged; check their cables, then start again"
             )

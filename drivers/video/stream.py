@@ -204,24 +204,12 @@ def decode(encoded: bytes, shrink: int = 1) -> Image:
     return image
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class DecodedFrame:
-    """An upright image, (H, W, 3) uint8 RGB, and its JPEG bytes if it was received as JPEG.
+def decode_frame(raw: RawFrame, size_px: tuple[int, int] | None, upright: bool) -> tuple[Image, bytes | None]:
+    """Return the upright image of a raw frame, (H, W, 3) uint8 RGB, and its JPEG if it was received as JPEG.
 
-    flaw: why the image does not show the scene ("green", "shifted"); such a frame is not delivered.
-    """
-
-    image: Image
-    jpeg: bytes | None
-    flaw: str | None = None
-
-
-def decode_frame(raw: RawFrame, size_px: tuple[int, int] | None, upright: bool) -> DecodedFrame:
-    """Decode a raw frame. size_px: required (width, height) of the image; None accepts any size.
-
-    upright: rotate images that are wider than high by 90 degrees counter-clockwise; a JPEG by an orientation
-    header, so that the coded image stays as received. Raises `DamagedFrameError`, and `DeviceError` for
-    another size.
+    size_px: required (width, height) of the image; None accepts any size. upright: rotate images that are
+    wider than high by 90 degrees counter-clockwise; a JPEG by an orientation header, so that the coded image
+    stays as received. Raises `DamagedFrameError`, and `DeviceError` for another size.
     """
     data, jpeg = raw.encoded or b"", None
     if raw.image is not None:
@@ -242,4 +230,4 @@ def decode_frame(raw: RawFrame, size_px: tuple[int, int] | None, upright: bool) 
             f"its images are {width} x {height} px, expected {size_px[0]} x {size_px[1]}; "
             "correct size_px in the bench file"
         )
-    return DecodedFrame(image, jpeg)
+    return image, jpeg

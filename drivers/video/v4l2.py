@@ -108,20 +108,20 @@ class V4l2Stream(FrameStream):
 
     def __init__(
         self,
-        device: str,
+        node: VideoNode,
         size_px: tuple[int, int] | None,
         rate_hz: float,
         clock: Clock,
         open_device: OpenCapture = open_capture,
         sharing: Sequence[VideoNode] = (),
     ) -> None:
-        self._device, self._sharing, self._clock = device, sharing, clock
-        self._capture = open_device(device)
+        self.node, self._sharing, self._clock = node, sharing, clock
+        self._capture = open_device(node.device)
         self._received_any = False
         try:
             if not self._capture.isOpened():
                 raise DeviceError(
-                    f"{device}: cannot be opened; is it plugged in, unused, and readable for you?"
+                    f"{node.device}: cannot be opened; is it plugged in, unused, and readable for you?"
                 )
             jpeg = cv2.VideoWriter.fourcc(*"MJPG")
             self._capture.set(cv2.CAP_PROP_FOURCC, jpeg)
@@ -137,7 +137,7 @@ class V4l2Stream(FrameStream):
         """Wait for the next buffer; OpenCV waits at most 10 s."""
         there, data = self._capture.read()
         if not there or data is None:
-            raise DeviceError(f"{self._device}: {self._no_image()}")
+            raise DeviceError(f"{self.node.device}: {self._no_image()}")
         self._received_any = True
         arrived_ns = self._clock.now_ns()
         stamped_ns = round(self._capture.get(cv2.CAP_PROP_POS_MSEC) * 1e6)
@@ -150,7 +150,9 @@ class V4l2Stream(FrameStream):
         taken = self._capture.set(cv2.CAP_PROP_ZOOM, value)
         seen = round(self._capture.get(cv2.CAP_PROP_ZOOM))
         if not taken or seen != value:
-            raise DeviceError(f"{self._device}: zoom control set to {value}, reads {seen}; is it a DIGIT?")
+            raise DeviceError(
+                f"{self.node.device}: zoom control set to {value}, reads {seen}; is it a DIGIT?"
+            )
 
     def interrupt(self) -> None:
         """Do nothing: a capture that waits in the kernel must not be released."""
@@ -167,8 +169,8 @@ class V4l2Stream(FrameStream):
         seen = tuple(round(self._capture.get(kind)) for kind in kinds)
         if seen != tuple(size_px):
             raise DeviceError(
-                f"{self._device}: asked for {size_px[0]} x {size_px[1]} px, it gives {seen[0]} x {seen[1]}; "
-                "correct size_px in the bench file"
+                f"{self.node.device}: asked for {size_px[0]} x {size_px[1]} px, it gives {seen[0]} x "
+                f"{seen[1]}; correct size_px in the bench file"
             )
 
     def _no_image(self) -> str:

@@ -7,7 +7,7 @@ faster than with supersampling. A printed calibration target, a flat sheet on a 
 """
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import lru_cache
 
 import cv2
@@ -18,6 +18,7 @@ from drivers.errors import InputError
 from drivers.types import Image, Pose
 from fakes.world.fixture import Sheet
 
+Plane = NDArray[np.floating]
 QUIET_ZONE = 0.25
 """Width of the white margin of paper around a marker, as a fraction of the marker's side."""
 _PAPER_RGB, _INK_RGB = (225, 225, 225), (25, 25, 25)
@@ -31,56 +32,25 @@ class Canvas:
     """
 
     rgba: NDArray[np.float32]
-    top_left_m: NDArray[np.float64]
+    top_left_m: Plane
     density: float
 
-    @classmethod
-    def blank(
-        cls, top_left_m: NDArray[np.float64], bottom_right_m: NDArray[np.float64], density: float
-    ) -> "Canvas":
-        """Return a transparent canvas over a rectangle of the plane, with `density` texels per m."""
-        columns, rows = np.ceil(np.abs(bottom_right_m - top_left_m) * density).astype(int)
-        return cls(np.zeros((rows, columns, 4), np.float32), top_left_m, density)
-
-    @property
-    def texel_T_plane(self) -> NDArray[np.float64]:  # noqa: N802
-        """Matrix (3, 3) from plane coordinates (x, z, 1) in m to texels, whose centres are integers."""
-        d, (x, z) = self.density, self.top_left_m
-        return np.array([[d, 0.0, -d * x - 0.5], [0.0, -d, d * z - 0.5], [0.0, 0.0, 1.0]])
-
-    def fill(
-        self, low_m: NDArray[np.float64], high_m: NDArray[np.float64], rgb: tuple[int, int, int]
-    ) -> None:
-        """Paint a rectangle. low_m, high_m: (x, z) of its corners."""
-        across, down = self._cells(low_m, high_m, 1)
-        self._paint(down.T @ across, rgb)
-
-    def print_marker(self, ink: NDArray[np.float32], centre_m: NDArray[np.float64], side_m: float) -> None:
-        """Paint a marker on its paper. ink: (n, n), 1 for a black module."""
-        reach = side_m * (0.5 + QUIET_ZONE)
-        self.fill(centre_m - reach, centre_m + reach, _PAPER_RGB)
-        across, down = self._cells(centre_m - side_m / 2, centre_m + side_m / 2, len(ink))
-        self._paint(down.T @ ink @ across, _INK_RGB)
-
-    def _cells(
-        self, low_m: NDArray[np.float64], high_m: NDArray[np.float64], count: int
-    ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Return the fraction of each texel column (count, W) and row (count, H) in `count` equal cells."""
+    def paint(self, low_m: Plane, high_m: Plane, rgb: tuple[int, int, int], ink: Plane | None = None) -> None:
+        """Paint a rectangle. low_m, high_m: (x, z) of its corners. ink: (n, n), 1 for a painted cell."""
+        ink = np.ones((1, 1), np.float32) if ink is None else ink
         rows, columns = self.rgba.shape[:2]
         left, right = (np.array([low_m[0], high_m[0]]) - self.top_left_m[0]) * self.density
         top, bottom = (self.top_left_m[1] - np.array([high_m[1], low_m[1]])) * self.density
-        return _coverage(left, right, count, columns), _coverage(top, bottom, count, rows)
-
-    def _paint(self, share: NDArray[np.floating], rgb: tuple[int, int, int]) -> None:
+        share = _coverage(top, bottom, len(ink), rows).T @ ink @ _coverage(left, right, len(ink), columns)
         self.rgba[...] += share[..., None] * (np.array([*rgb, 255], np.float32) - self.rgba)
 
 
-def _coverage(start: float, end: float, count: int, length: int) -> NDArray[np.float32]:
+def _coverage(start: float, end: float, count: int, length: int) -> Plane:
+    """Return the fraction of each of `length` texels in `count` equal cells, (count, length) float32."""
     edges = np.linspace(start, end, count + 1)[:, None]
     texel = np.arange(length)[None, :]
-    return np.clip(np.minimum(texel + 1, edges[1:]) - np.maximum(texel, edges[:-1]), 0.0, 1.0).astype(
-        np.float32
-    )
+    covered = np.minimum(texel + 1, edges[1:]) - np.maximum(texel, edges[:-1])
+    return np.clip(covered, 0.0, 1.0).astype(np.float32)
 
 
 _TEXELS_PER_PX = 4.0
@@ -91,10 +61,11 @@ _NOISE_SHIFTS = 128
 
 
 _Texture = tuple[Image, NDArray[np.float64]]
-"""Of the object's plane: (H, W, 4) uint8, premultiplied RGB and opacity; `Canvas.texel_T_plane`."""
+"""Of the object's plane: (H, W, 4) uint8, premultiplied RGB and opacity; matrix (3, 3) from plane coordinates
+(x, z, 1) in m to texels, whose centres are integers."""
 
 
-@dataclass(slots=True, eq=False)
+@dataclass(eq=False)
 class MarkerScene:
     """Renders images of two markers on an object, with exact ground truth.
 
@@ -118,20 +89,25 @@ class MarkerScene:
     blur_px: float = 0.8
     noise_grey: float = 1.5
     k1: float = 0.0
-    _bench: Image = field(init=False)
-    _light: Image = field(init=False)
-    _noise: tuple[Image, Image] = field(init=False)
-    _rays: NDArray[np.float32] = field(init=False)
-    _textures: dict[int, _Texture] = field(init=False, default_factory=dict)
 
     def __post_init__(self) -> None:
         if not hasattr(cv2.aruco, self.dictionary):
             raise InputError(f"marker scene: OpenCV has no marker dictionary {self.dictionary!r}")
-        rng = np.random.default_rng(self.unit_seed)
-        self._light = _light(self.size)
+        rng, (width, height) = np.random.default_rng(self.unit_seed), self.size
+        x, y = np.meshgrid(np.linspace(0, 1, width), np.linspace(0, 1, height))
+        light = np.rint(255.0 * (1.0 - 0.14 * x - 0.10 * y)).astype(np.uint8)
+        self._light: Image = np.repeat(light[..., None], 3, axis=2)
+        """Illumination of the bench, (H, W, 3) uint8, 255 at the brightest place."""
         self._bench = _draw_bench(self._light, rng)
         self._noise = _noise_fields(self.size, self.noise_grey, rng)
-        self._rays = _pixel_rays(self.camera_matrix, self.k1, self.size)
+        grid = np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1)
+        distorted = (grid - self.camera_matrix[:2, 2]) / self.camera_matrix[0, 0]
+        rays = distorted.copy()
+        for _ in range(30 if self.k1 else 0):
+            rays = distorted / (1.0 + self.k1 * (rays**2).sum(axis=-1, keepdims=True))
+        self._rays = rays.astype(np.float32)
+        """Undistorted ray (x/z, y/z) of every pixel centre, (H, W, 2) float32."""
+        self._textures: dict[int, _Texture] = {}
 
     @property
     def camera_matrix(self) -> NDArray[np.float64]:
@@ -167,11 +143,7 @@ class MarkerScene:
         points = np.asarray(self.marker_centres_m)[:, None, :] + square
         return self._project(points.reshape(-1, 2), _plane(camera_T_object)).reshape(2, 4, 2)
 
-    def _project(
-        self,
-        plane_m: NDArray[np.float64],
-        camera_T_plane: NDArray[np.float64],  # noqa: N803
-    ) -> NDArray[np.float64]:
+    def _project(self, plane_m: Plane, camera_T_plane: Plane) -> NDArray[np.float64]:  # noqa: N803
         """Project (N, 2) plane coordinates (x, z) to (N, 2) px, with distortion."""
         rays = np.column_stack([plane_m, np.ones(len(plane_m))]) @ camera_T_plane.T
         flat = rays[:, :2] / rays[:, 2:]
@@ -212,44 +184,33 @@ class MarkerScene:
         return np.array([[low[0], high[1]], [high[0], high[1]], [high[0], low[1]], [low[0], low[1]]])
 
     def _draw_texture(self, px_per_m: float) -> _Texture:
-        outline = self._outline_m()
+        top_left_m, _, bottom_right_m, _ = self._outline_m()
         density = _TEXELS_PER_PX * px_per_m
-        canvas = Canvas.blank(outline[0], outline[2], density)
+        columns, rows = np.ceil(np.abs(bottom_right_m - top_left_m) * density).astype(int)
+        canvas = Canvas(np.zeros((rows, columns, 4), np.float32), top_left_m, density)
         half = np.asarray(self.bar_m) / 2
-        canvas.fill(-half, half, self.object_rgb)
+        canvas.paint(-half, half, self.object_rgb)
+        reach_m, side_m = self.marker_side_m * (0.5 + QUIET_ZONE), self.marker_side_m
         dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, self.dictionary))
         modules = dictionary.markerSize + 2  # with the border
         for marker_id, centre in zip(self.marker_ids, self.marker_centres_m, strict=True):
             ink = (cv2.aruco.generateImageMarker(dictionary, marker_id, modules) == 0).astype(np.float32)
-            canvas.print_marker(ink, np.asarray(centre), self.marker_side_m)
+            centre_m = np.asarray(centre)
+            canvas.paint(centre_m - reach_m, centre_m + reach_m, _PAPER_RGB)
+            canvas.paint(centre_m - side_m / 2, centre_m + side_m / 2, _INK_RGB, ink)
         sigma = _TEXELS_PER_PX * math.hypot(self.blur_px, math.sqrt(_PIXEL_VARIANCE))
         blurred = cv2.GaussianBlur(canvas.rgba, (0, 0), sigma, borderType=cv2.BORDER_CONSTANT)
-        return np.rint(blurred).astype(np.uint8), canvas.texel_T_plane
+        x, z = top_left_m
+        texel_T_plane = np.array(  # noqa: N806 - frame names keep their case
+            [[density, 0.0, -density * x - 0.5], [0.0, -density, density * z - 0.5], [0.0, 0.0, 1.0]]
+        )
+        return np.rint(blurred).astype(np.uint8), texel_T_plane
 
 
 def _plane(camera_T_object: Pose) -> NDArray[np.float64]:  # noqa: N803
     """Return the matrix (3, 3) from the object's plane coordinates (x, z, 1) to camera coordinates, m."""
     rotation = camera_T_object.rotation.as_matrix()
     return np.column_stack([rotation[:, 0], rotation[:, 2], camera_T_object.position_m])
-
-
-def _pixel_rays(camera_matrix: NDArray[np.float64], k1: float, size: tuple[int, int]) -> NDArray[np.float32]:
-    """Return the undistorted ray (x/z, y/z) of every pixel centre, (H, W, 2) float32."""
-    width, height = size
-    grid = np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1)
-    distorted = (grid - camera_matrix[:2, 2]) / camera_matrix[0, 0]
-    rays = distorted.copy()
-    for _ in range(30 if k1 else 0):
-        rays = distorted / (1.0 + k1 * (rays**2).sum(axis=-1, keepdims=True))
-    return rays.astype(np.float32)
-
-
-def _light(size: tuple[int, int]) -> Image:
-    """Return the illumination of the bench, (H, W, 3) uint8, 255 at the brightest place."""
-    width, height = size
-    x, y = np.meshgrid(np.linspace(0, 1, width), np.linspace(0, 1, height))
-    light = 255.0 * (1.0 - 0.14 * x - 0.10 * y)
-    return np.repeat(np.rint(light).astype(np.uint8)[..., None], 3, axis=2)
 
 
 def _draw_bench(light: Image, rng: np.random.Generator) -> Image:

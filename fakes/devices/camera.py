@@ -2,7 +2,7 @@
 
 import hashlib
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
@@ -88,12 +88,15 @@ class FakeSource:
 
     def newest_frame(self, max_age_s: float) -> Frame:
         self._due_index()
-        now_ns = self._clock.now_ns()
-        index = max(self._newest_index(), 0)
+        now_ns, index = self._clock.now_ns(), max(self._newest_index(), 0)
+
+        def age_s() -> float:
+            return (now_ns - self._captured_ns(index)) / NS_PER_S
+
         # A frame that was dropped leaves the one before it the newest.
-        while index > 0 and self._active("drop", index) and self._age_s(index, now_ns) <= max_age_s:
+        while index > 0 and self._active("drop", index) and age_s() <= max_age_s:
             index -= 1
-        age = self._age_s(index, now_ns)
+        age = age_s()
         if age > max_age_s or age < 0 or self._active("drop", index):
             raise StaleFrameError(
                 f"{self.serial}: newest frame is {age:.3f} s old, over the limit of {max_age_s:.3f} s; "
@@ -101,9 +104,6 @@ class FakeSource:
             )
         self._next = index + 1
         return self._capture(index)
-
-    def _age_s(self, index: int, now_ns: int) -> float:
-        return (now_ns - self._captured_ns(index)) / NS_PER_S
 
     def _due_index(self) -> int:
         if self._next is None:
@@ -126,8 +126,7 @@ class FakeSource:
         if self._active("disconnect", index):
             raise DeviceError(f"{self.serial}: the device is disconnected; check its cable, then start again")
         if self._active("freeze", index) and self._frozen is not None:
-            old = self._frozen
-            return Frame(old.image, time_ns, index, self.serial, old.jpeg)
+            return replace(self._frozen, time_ns=time_ns, sequence=index)
         rng = np.random.Generator(np.random.Philox(key=self._seed, counter=index << 64))
         data = encoded(self._render(time_ns, rng), JPEG_QUALITY)
         self._frozen = Frame(decoded(data), time_ns, index, self.serial, data)

@@ -64,7 +64,7 @@ class DeskDigit(FakeSource, TactileSensor):
             px, py = self._side * PIVOT_MM[0], PIVOT_MM[1]
             x, y = turned(px, py, math.radians(angle_deg))
             imprint = Imprint(surface, angle_deg, (px - x, py - y), share * depth_mm, TILT)
-        return _gel(self._side).render(imprint, time_s, rng)
+        return _gel(20 + self._side).render(imprint, time_s, rng)
 
     def turn_deg(self, time_ns: int) -> float | None:
         """Return the rotation of the object since its first touch, counter-clockwise positive in this image.
@@ -92,9 +92,7 @@ def _turned_deg(time_s: float) -> float:
     return turned
 
 
-@lru_cache(maxsize=2)
-def _gel(side: int) -> GelSensor:
-    return GelSensor(20 + side)
+_gel = lru_cache(maxsize=2)(GelSensor)
 
 
 @lru_cache(maxsize=2)

@@ -14,8 +14,8 @@ from fakes.faults import FaultScript
 from fakes.gel.dots import shear_of
 from fakes.gel.pad import turned
 from fakes.gel.sensor import GelSensor, Imprint
-from fakes.gel.variation import FAMILY, Look, Variation, coded, draw_variation, jpeg
-from fakes.objects.surfaces import Surface, build_surface, depth_for_force, soft_surface
+from fakes.gel.variation import FAMILY, Look, coded, draw_variation, jpeg
+from fakes.objects.surfaces import Surface, depth_for_force, face_surface
 from fakes.studio.conditions import EASY, Conditions, Difficulty, draw_conditions
 from fakes.world.mirror import WorldView
 from fakes.world.state import PAD_M, SLIDE_M_PER_RAD, BenchLayout, Grasp, WorldState
@@ -23,10 +23,8 @@ from fakes.world.state import PAD_M, SLIDE_M_PER_RAD, BenchLayout, Grasp, WorldS
 _FORCE_GRID_N = np.array([0.02, 0.05, 0.1, 0.2, 0.4, 0.7, 1.0, 1.4, 1.9, 2.6, 4.0, 15.0])
 
 
-@lru_cache(maxsize=8)
-def _gel(unit_seed: int, variation: Variation, markers: bool, look: Look | None) -> GelSensor:
-    """Return the gel of a sensor; cached, because making it takes as long as rendering fifty frames."""
-    return GelSensor(unit_seed, variation=variation, markers=markers, look=look)
+_gel = lru_cache(maxsize=8)(GelSensor)
+"""Cached, because making the gel of a sensor takes as long as rendering fifty frames."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,13 +63,11 @@ class FakeDigit(FakeSource, TactileSensor):
         noise_seed = world.seed * 8 + 4 + plan.side
         super().__init__((plan.serial, "tactile"), shutter, self.draw, clock, faults, noise_seed)
         seed = plan.variation_seed
-        self._unit = unit_seed(plan.serial if seed is None else f"{plan.serial}/{seed}")
-        self._variation = FAMILY
+        self._unit, self._variation = unit_seed(plan.serial), FAMILY
         if seed is not None:
+            self._unit = unit_seed(f"{plan.serial}/{seed}")
             self._variation = draw_variation(np.random.default_rng((seed, plan.number)))
-        self._world, self._side, self._markers = world, plan.side, plan.markers
-        self._difficulty: Difficulty = plan.difficulty
-        self._look = plan.look
+        self._world, self._plan, self._side = world, plan, plan.side
         self._pressed: tuple[object, Surface, np.ndarray] | None = None
         self._light = 1.0
 
@@ -81,11 +77,11 @@ class FakeDigit(FakeSource, TactileSensor):
 
     def draw(self, time_ns: int, rng: np.random.Generator) -> Image:
         state = self._world.state_at(time_ns)
-        image = self._gel.render(self._imprint(state), time_ns / NS_PER_S, rng)
+        image, look = self._gel.render(self._imprint(state), time_ns / NS_PER_S, rng), self._plan.look
         if self._conditions.codec is not None:
             image = coded(image, time_ns, self._conditions.codec)
-        elif self._look is not None and self._look.jpeg_quality is not None:
-            image = jpeg(image, self._look.jpeg_quality)
+        elif look is not None and look.jpeg_quality is not None:
+            image = jpeg(image, look.jpeg_quality)
         if self._light == 1.0:
             return image
         return np.clip(image * self._light, 0, 255).astype(np.uint8)
@@ -96,23 +92,20 @@ class FakeDigit(FakeSource, TactileSensor):
 
     @property
     def _conditions(self) -> Conditions:
-        return draw_conditions(self._difficulty, self._world.seed, self._side)
+        return draw_conditions(self._plan.difficulty, self._world.seed, self._side)
 
     @property
     def _gel(self) -> GelSensor:
         varied = self._conditions is EASY or self._variation is not FAMILY
         unit = self._variation if varied else self._conditions.unit
-        return _gel(self._unit, unit, self._markers, self._look)
+        return _gel(self._unit, unit, self._plan.markers, self._plan.look)
 
     def _surface(self, grasp: Grasp) -> tuple[Surface, np.ndarray]:
         """Return the surface in contact, and its depths in mm for the forces `_FORCE_GRID_N`."""
         key = (grasp, self._world.seed)
         if self._pressed is None or self._pressed[0] != key:
             kind, bulge = self._conditions.face(grasp.site.contact)
-            if kind is None:
-                surface = build_surface(grasp.site, self._side, self._world.seed)
-            else:
-                surface = soft_surface(kind, self._side, self._world.seed)
+            surface = face_surface(grasp.site, kind, self._side, self._world.seed)
             at = {"centre_mm": self._off_mm(grasp), "bulge": bulge}
             depths = np.array([depth_for_force(surface, float(force), **at) for force in _FORCE_GRID_N])
             self._pressed = (key, surface, depths)
@@ -123,55 +116,47 @@ class FakeDigit(FakeSource, TactileSensor):
         if not state.held or state.force_n <= 0.0 or grasp is None:
             return None
         surface, depths = self._surface(grasp)
-        side, variation, turn = self._side, self._world.variation, state.object_turn_rad - state.wrist_rad
-        (off_x, off_y), slid_mm, shear = self._off_mm(grasp), state.slide_m * 1e3, None
+        side, variation, conditions = self._side, self._world.variation, self._conditions
+        turn, slid_mm = state.object_turn_rad - state.wrist_rad, state.slide_m * 1e3
+        # the total rotation since the grasp, from the slide that accompanies it
+        slipped_rad = min(state.slide_m, PAD_M) / SLIDE_M_PER_RAD
+        off_x, off_y = self._off_mm(grasp)
         right, low = (place * 1e3 for place in variation.misplacement_m)
-        if self._markers:  # shear of the gel's surface since the fingers closed
-            pivot = side * (right + variation.pivot_mm[0]) + off_x, low + variation.pivot_mm[1] + off_y
+        px, py = variation.pivot_mm
+        shear, bulge, bulge_mm = None, conditions.face(grasp.site.contact)[1], (0.0, 0.0)
+        if self._plan.markers:  # shear of the gel's surface since the fingers closed
+            pivot = side * (right + px) + off_x, low + py + off_y
             shear = shear_of(math.degrees(side * turn), pivot, (0.0, slid_mm))
+        # the surface turns about a pivot beside the centre of the contact
+        x, y = turned(px, py, turn)
+        across, down = right + px - x, low + py - y + slid_mm
+        if bulge is not None:  # it slides and rocks with the object, but never turns; the face rolls
+            (roll_x, roll_y), (rock_x, rock_y) = conditions.roll_mm_per_rad, conditions.rock_mm_per_rad
+            across, down = across + roll_x * slipped_rad, down + roll_y * slipped_rad
+            bulge_down = (variation.misplacement_m[1] + state.slide_m) * 1e3 + rock_y * slipped_rad
+            bulge_mm = side * (right + rock_x * slipped_rad) + off_x, bulge_down + off_y
         # the tilt is fixed to the object, and grows with the weight on the pads
         (rest_x, rest_y), (load_x, load_y) = variation.tilt_at_rest, variation.tilt_under_load
         tilt_x, tilt_y = turned(rest_x + state.loaded * load_x, rest_y + state.loaded * load_y, turn)
         force_n = state.force_n
         if not grasp.site.contact.exact:
-            force_n *= self._conditions.pressed_more(math.degrees(_slipped(state)))
-        bulge = self._conditions.face(grasp.site.contact)[1]
+            force_n *= conditions.pressed_more(math.degrees(slipped_rad))
         return Imprint(
             surface=surface,
             angle_deg=math.degrees(side * turn),
-            centre_mm=self._centre_mm(grasp, state, turn),
+            centre_mm=(side * across + off_x, down + off_y),
             depth_mm=float(np.interp(force_n, _FORCE_GRID_N, depths)),
             tilt=(side * tilt_x, tilt_y),
             lag_deg=math.degrees(side * state.torsion_rad),
             shear=shear,
             bulge=bulge,
-            bulge_mm=self._bulge_mm(grasp, state) if bulge else (0.0, 0.0),
+            bulge_mm=bulge_mm,
         )
 
     def _off_mm(self, grasp: Grasp) -> tuple[float, float]:
         """Return the grasp site's position on the gel, x right, y down; (0, 0) if the hand closed on it."""
         off_x, off_z = grasp.off_m
         return -self._side * off_x * 1e3, off_z * 1e3
-
-    def _centre_mm(self, grasp: Grasp, state: WorldState, turn_rad: float) -> tuple[float, float]:
-        """Return the surface's origin on the gel; it turns about a pivot beside the centre of the contact."""
-        variation, (off_x, off_y) = self._world.variation, self._off_mm(grasp)
-        px, py = variation.pivot_mm
-        x, y = turned(px, py, turn_rad)
-        across = variation.misplacement_m[0] * 1e3 + px - x
-        down = variation.misplacement_m[1] * 1e3 + py - y + state.slide_m * 1e3
-        if self._conditions.face(grasp.site.contact)[1] is not None:
-            roll_x, roll_y = self._conditions.roll_mm_per_rad
-            across, down = across + roll_x * _slipped(state), down + roll_y * _slipped(state)
-        return self._side * across + off_x, down + off_y
-
-    def _bulge_mm(self, grasp: Grasp, state: WorldState) -> tuple[float, float]:
-        """Return the bulge's centre on the gel; it slides down with the object and rocks, but never turns."""
-        variation, (off_x, off_y) = self._world.variation, self._off_mm(grasp)
-        rock_x, rock_y = self._conditions.rock_mm_per_rad
-        right = variation.misplacement_m[0] * 1e3 + rock_x * _slipped(state)
-        down = (variation.misplacement_m[1] + state.slide_m) * 1e3 + rock_y * _slipped(state)
-        return self._side * right + off_x, down + off_y
 
 
 @dataclass(frozen=True, slots=True)
@@ -181,8 +166,3 @@ class BenchPlan:
     layout: BenchLayout
     digits: tuple[DigitPlan, ...]
     camera: CameraPlan
-
-
-def _slipped(state: WorldState) -> float:
-    """Return the total absolute rotation since the grasp, rad, from the slide that accompanies it."""
-    return min(state.slide_m, PAD_M) / SLIDE_M_PER_RAD

@@ -8,7 +8,7 @@ rotation of about 10 degrees.
 """
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -49,22 +49,15 @@ def shear_of(turned_deg: float, pivot_mm: tuple[float, float], slid_mm: tuple[fl
     return Shear(twist, pivot_mm, (share * slid_mm[0], share * slid_mm[1]))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
 class MarkerPrint:
     """The markers of one unit. shape: (rows, columns) of its images. seed: of the dots' position errors."""
 
-    shape: tuple[int, int]
-    mm_per_px: tuple[float, float]
-    seed: int
-    _places_mm: NDArray[np.float64] = field(init=False)
-
-    def __post_init__(self) -> None:
-        rng = np.random.default_rng((self.seed, 43))
-        half = [0.5 * n * mm for n, mm in zip(self.shape[::-1], self.mm_per_px, strict=True)]
+    def __init__(self, shape: tuple[int, int], mm_per_px: tuple[float, float], seed: int) -> None:
+        self.shape, self.mm_per_px, rng = shape, mm_per_px, np.random.default_rng((seed, 43))
+        half = [0.5 * n * mm for n, mm in zip(shape[::-1], mm_per_px, strict=True)]
         x, y = (np.arange(-round(h / PITCH_MM), round(h / PITCH_MM) + 1) * PITCH_MM for h in half)
         grid = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
-        places = grid + rng.uniform(-0.3, 0.3, 2) + rng.normal(0.0, _JITTER_MM, grid.shape)
-        object.__setattr__(self, "_places_mm", places)
+        self._places_mm = grid + rng.uniform(-0.3, 0.3, 2) + rng.normal(0.0, _JITTER_MM, grid.shape)
 
     def light_left(self, shear: Shear | None, touching: NDArray[np.bool_] | None) -> NDArray[np.float32]:
         """Return the transmitted fraction of light, (H, W, 1). touching: (H, W), true in the contact."""

@@ -5,7 +5,7 @@ counter-clockwise positive as seen. The geometry is computed at half the image's
 """
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -48,7 +48,6 @@ class Imprint:
     bulge_mm: tuple[float, float] = (0.0, 0.0)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
 class GelPad:
     """One unit's pad: image size in pixels, scale along x and y, convexity of its face, and its gel.
 
@@ -56,24 +55,15 @@ class GelPad:
     wider than the family's then smooths the dent further. None for a simulated unit.
     """
 
-    shape: tuple[int, int]
-    mm_per_px: tuple[float, float]
-    dome_radius_mm: float = GEL_DOME_RADIUS_MM
-    variation: Variation = FAMILY
-    look: Look | None = None
-    _x_mm: DepthMap = field(init=False)
-    _y_mm: DepthMap = field(init=False)
-    _dome_mm: DepthMap = field(init=False)
-    _marks_mm: DepthMap | None = field(init=False)
-
-    def __post_init__(self) -> None:
-        x_mm, y_mm = pixel_grid_mm(self.shape, self.mm_per_px, HALF)
-        object.__setattr__(self, "_x_mm", x_mm[None, :])
-        object.__setattr__(self, "_y_mm", y_mm[:, None])
-        dome = (self._x_mm**2 + self._y_mm**2) / np.float32(2.0 * self.dome_radius_mm)
-        object.__setattr__(self, "_dome_mm", dome)
-        marks = draw_marks(dome.shape, HALF * self.mm_per_px[0], self.variation.marks_seed)
-        object.__setattr__(self, "_marks_mm", marks)
+    def __init__(
+        self, shape: tuple[int, int], mm_per_px: tuple[float, float],
+        dome_radius_mm: float = GEL_DOME_RADIUS_MM, variation: Variation = FAMILY, look: Look | None = None,
+    ) -> None:  # fmt: skip
+        self.shape, self.mm_per_px, self.variation, self.look = shape, mm_per_px, variation, look
+        x_mm, y_mm = pixel_grid_mm(shape, mm_per_px, HALF)
+        self._x_mm, self._y_mm = x_mm[None, :], y_mm[:, None]
+        self._dome_mm = (self._x_mm**2 + self._y_mm**2) / np.float32(2.0 * dome_radius_mm)
+        self._marks_mm = draw_marks(self._dome_mm.shape, HALF * mm_per_px[0], variation.marks_seed)
 
     def dent(self, imprint: Imprint) -> DepthMap:
         """Return the depth of the dented gel, mm, (H/2, W/2) float32, never negative.

@@ -26,11 +26,11 @@ Texture = Callable[[Field, Field, float, np.random.Generator], Field]
 """Maps (along_mm, across_mm, pitch_mm, rng) to a height between 0 and 1."""
 
 
-def texture_height(contact: ContactShape, x_mm: Field, z_mm: Field, rng: np.random.Generator) -> Field:
-    """Return the texture of a contact in mm over object coordinates in mm. rng: draws its phase."""
+def _texture_height(contact: ContactShape, x_mm: Field, z_mm: Field, rng: np.random.Generator) -> Field:
+    """Return the texture of a contact in mm. rng: draws its phase."""
     if contact.texture == "none" or contact.texture_mm == 0.0:
         return np.zeros_like(x_mm)
-    along, across = _axes(x_mm, z_mm, np.deg2rad(contact.texture_deg), 0.0)
+    along, across = _axes(x_mm, z_mm, np.deg2rad(contact.texture_deg))
     relief = TEXTURES[contact.texture](along, across, contact.pitch_mm, rng)
     return (np.float32(contact.texture_mm) * relief).astype(np.float32)
 
@@ -102,7 +102,7 @@ class Bulge:
 
     def height(self, x_mm: Field, y_mm: Field) -> Field:
         """Return the height in mm away from the gel, at coordinates relative to the bulge's middle."""
-        along, across = _axes(x_mm, y_mm, np.deg2rad(self.angle_deg), 0.0)
+        along, across = _axes(x_mm, y_mm, np.deg2rad(self.angle_deg))
         first, second = (np.float32(0.5 / radius) for radius in self.radii_mm)
         return np.asarray(along * along * first + across * across * second, np.float32)
 
@@ -112,11 +112,6 @@ def draw_bulge(kind: str, rng: np.random.Generator) -> Bulge:
     low, high = {"skin": (18.0, 60.0), "creases": (60.0, 250.0)}.get(kind, (22.0, 110.0))
     across = float(np.exp(rng.uniform(np.log(low), np.log(high))))
     return Bulge((across * float(rng.uniform(1.0, 2.5)), across), float(rng.uniform(0.0, 180.0)))
-
-
-def soft_relief(kind: str, x_mm: Field, z_mm: Field, rng: np.random.Generator) -> Field:
-    """Return the relief of a face, mm away from the gel over object coordinates in mm."""
-    return _RELIEFS[kind](x_mm, z_mm, rng).astype(np.float32)
 
 
 def _lines(x_mm: Field, z_mm: Field, rng: np.random.Generator) -> Field:
@@ -144,7 +139,7 @@ def _corner(x_mm: Field, z_mm: Field, rng: np.random.Generator) -> Field:
     x, z = x_mm - np.float32(place[0]), z_mm - np.float32(place[1])
     relief = np.zeros_like(x_mm)
     for leg in (tilt, tilt + opening):
-        along, across = _axes(x, z, leg, 0.0)
+        along, across = _axes(x, z, leg)
         half = float(rng.uniform(3.0, 9.0)) / 2
         relief = np.minimum(relief, -_line(along - np.float32(half), across, half, rng, ridge=True))
     return relief
@@ -164,7 +159,7 @@ def _creases(x_mm: Field, z_mm: Field, rng: np.random.Generator) -> Field:
     wander = np.float32(0.5) * _noise(x_mm.shape, 3.0, rng)
     relief = np.zeros_like(x_mm)
     for turn in (0.0, np.pi / 2.0)[: int(rng.integers(1, 3))]:
-        _, across = _axes(x_mm, z_mm, tilt + turn, 0.0)
+        _, across = _axes(x_mm, z_mm, tilt + turn)
         wave = np.cos(np.float32(2.0 * np.pi / pitch) * (across + wander))
         relief = relief + deep * np.maximum(wave - np.float32(0.2), 0.0)
     return relief * np.clip(np.float32(0.7) + np.float32(0.4) * _noise(x_mm.shape, 2.0, rng), 0.0, 1.3)
@@ -181,7 +176,7 @@ def _line(
     return height * ends * np.exp(-((across / width) ** 2))
 
 
-def _axes(x_mm: Field, z_mm: Field, tilt_rad: float, off_mm: float) -> tuple[Field, Field]:
+def _axes(x_mm: Field, z_mm: Field, tilt_rad: float, off_mm: float = 0.0) -> tuple[Field, Field]:
     cos, sin = np.float32(np.cos(tilt_rad)), np.float32(np.sin(tilt_rad))
     return cos * x_mm - sin * z_mm, sin * x_mm + cos * z_mm - np.float32(off_mm)
 
@@ -245,9 +240,8 @@ def build_surface(site: GraspSite | ContactShape, side: int, seed: int) -> Surfa
     height = np.minimum.reduce([part.height(x_mm, z_mm) for part in parts])
     if side < 0:
         height = height[:, ::-1]
-    return _surface(
-        height + texture_height(contact, side * x_mm, z_mm, np.random.default_rng((seed, 13, side + 1)))
-    )
+    phase = np.random.default_rng((seed, 13, side + 1))
+    return _surface(height + _texture_height(contact, side * x_mm, z_mm, phase))
 
 
 def soft_surface(kind: str, side: int, seed: int) -> Surface:
@@ -255,7 +249,12 @@ def soft_surface(kind: str, side: int, seed: int) -> Surface:
 
     kind: one of `KINDS`. side: +1 or -1.
     """
-    return _surface(soft_relief(kind, *_grid(), np.random.default_rng((seed, 71, side + 1))))
+    return _surface(_RELIEFS[kind](*_grid(), np.random.default_rng((seed, 71, side + 1))).astype(np.float32))
+
+
+def face_surface(site: GraspSite, kind: str | None, side: int, seed: int) -> Surface:
+    """Return the surface at a grasp site: a soft face of a kind, or the object's own if kind is None."""
+    return build_surface(site, side, seed) if kind is None else soft_surface(kind, side, seed)
 
 
 def _surface(height_mm: Field) -> Surface:

@@ -27,6 +27,12 @@ FORCE_N = 0.8
 TWO_BALLS = "two balls"
 ROLLER = "roller"
 """A ribbed roller that rolls across the pad: its ribs turn by the scene's angle, its outline by more."""
+_BALLS = Ball(radius_mm=7.0, x_mm=-3.4, z_mm=-1.0), Ball(radius_mm=5.0, x_mm=3.2, z_mm=1.2)
+_FLAT = Pad(length_mm=60.0, width_mm=60.0)
+_CONTACTS = {
+    TWO_BALLS: ContactShape(_BALLS),
+    ROLLER: ContactShape((_FLAT,), "ribs", texture_mm=0.12, pitch_mm=1.6, texture_deg=90.0, exact=True),
+}
 ROLLER_TURN_DEG, ROLLER_LEAN_DEG, _ROLLED_MM = 4.0, 13.5, 3.0
 """Rotation of a roller's ribs and of its outline; a real recording has below 5 and 12 to 15 degrees."""
 _ROLLER_RADII_MM = (80.0, 9.0)
@@ -52,6 +58,10 @@ class Scene:
     force_n: float = FORCE_N
     unit: int = 21
     seed: int = 0
+
+    def force_at(self, share: float) -> float:
+        """Return the force in N, to three digits, at a fraction of the rotation."""
+        return round(self.force_n * (1.0 + self.pressed * share), 3)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -99,15 +109,11 @@ def roller_imprint(scene: Scene, surface: Surface, share: float) -> Imprint:
     """
     lean_deg = math.copysign(ROLLER_LEAN_DEG, scene.angle_deg) * share
     body, rolled_mm = Bulge(_ROLLER_RADII_MM, lean_deg), _ROLLED_MM * (share - 0.5)
-    force_n = round(scene.force_n * (1.0 + scene.pressed * share), 3)
+    (x_mm, y_mm), depth_mm = scene.center_mm, depth_for_force(surface, scene.force_at(share), bulge=body)
     return Imprint(
-        surface,
-        share * scene.angle_deg,
-        (scene.center_mm[0], scene.center_mm[1] + 2.0 * rolled_mm),
-        depth_for_force(surface, force_n, bulge=body),
-        bulge=body,
-        bulge_mm=(scene.center_mm[0], scene.center_mm[1] + rolled_mm),
-    )
+        surface, share * scene.angle_deg, (x_mm, y_mm + 2.0 * rolled_mm), depth_mm,
+        bulge=body, bulge_mm=(x_mm, y_mm + rolled_mm),
+    )  # fmt: skip
 
 
 def _imprint(scene: Scene, surface: Surface, share: float) -> Imprint:
@@ -116,17 +122,12 @@ def _imprint(scene: Scene, surface: Surface, share: float) -> Imprint:
     angle = share * scene.angle_deg
     x, y = turned(*PIVOT_MM, math.radians(angle))
     center = scene.center_mm[0] + PIVOT_MM[0] - x, scene.center_mm[1] + PIVOT_MM[1] - y
-    moving = 4.0 * share * (1.0 - share)
-    depth = depth_for_force(
-        surface, round(scene.force_n * (1.0 + scene.pressed * share), 3), TILT, 0.0, scene.center_mm
-    )
-    lag = math.copysign(scene.lag_deg * moving, scene.angle_deg)
+    depth = depth_for_force(surface, scene.force_at(share), TILT, 0.0, scene.center_mm)
+    lag = math.copysign(scene.lag_deg * (4.0 * share * (1.0 - share)), scene.angle_deg)
     return Imprint(surface, angle, center, depth, TILT, lag)
 
 
-@lru_cache(maxsize=4)
-def _sensor(unit: int) -> GelSensor:
-    return GelSensor(unit)
+_sensor = lru_cache(maxsize=4)(GelSensor)
 
 
 @lru_cache(maxsize=8)
@@ -136,15 +137,8 @@ def _surface(contact: str, seed: int) -> Surface:
 
 def contact_shape(contact: str) -> GraspSite | ContactShape:
     """Return the contact with a name as in `Scene`. Raises `InputError` for an unknown one."""
-    if contact == TWO_BALLS:
-        return ContactShape(
-            (Ball(radius_mm=7.0, x_mm=-3.4, z_mm=-1.0), Ball(radius_mm=5.0, x_mm=3.2, z_mm=1.2))
-        )
-    if contact == ROLLER:
-        flat = Pad(length_mm=60.0, width_mm=60.0)
-        return ContactShape(
-            (flat,), texture="ribs", texture_mm=0.12, pitch_mm=1.6, texture_deg=90.0, exact=True
-        )
+    if contact in _CONTACTS:
+        return _CONTACTS[contact]
     name, _, number = contact.partition(":")
     sites = find_object(name).sites
     if not number.isdecimal() or int(number) >= len(sites):

@@ -6,7 +6,7 @@ contacts, worn gels, light of other makes and codecs (`fakes.studio.conditions`)
 them. Everything here is SIMULATED, so figures measured on it do not apply to real sensors.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,8 +16,8 @@ from drivers.types import Image
 from fakes.gel.sensor import GelSensor, Imprint
 from fakes.gel.variation import FAMILY, Look, coded, draw_variation
 from fakes.objects.catalogue import GraspSite, load_catalogue
-from fakes.objects.shapes import Ball, ContactShape, Cylinder, Edge, Pad, Rim, Shape
-from fakes.objects.surfaces import GEL_HALF_MM, TEXTURES, build_surface, depth_for_force, soft_surface
+from fakes.objects.shapes import SHAPES, ContactShape, Shape
+from fakes.objects.surfaces import GEL_HALF_MM, TEXTURES, build_surface, depth_for_force, face_surface
 from fakes.studio.conditions import Conditions, draw_conditions
 
 FRAMES_PER_UNIT = 12
@@ -103,18 +103,14 @@ def _frame(
         name, contact = RANDOM_SHAPE, random_contact(rng)
     else:
         name = str(rng.choice(list(objects)))
-        contact = _any_site(name, rng).contact
+        sites = load_catalogue()[name].sites
+        contact = sites[int(rng.integers(len(sites)))].contact
     time_s = float(rng.uniform(0.0, _DRIFT_SPAN_S))
     if rng.random() < _NO_CONTACT_SHARE:
         return TrainingFrame(unit.render(None, time_s, rng), background, None, name)
     imprint = _imprint(contact, name == RANDOM_SHAPE, rng, hard)
     image = unit.render(imprint, time_s, rng)
     return TrainingFrame(image, background, unit.touching(imprint)[::2, ::2], name)
-
-
-def _any_site(name: str, rng: np.random.Generator) -> GraspSite:
-    sites = load_catalogue()[name].sites
-    return sites[int(rng.integers(len(sites)))]
 
 
 def _imprint(contact: ContactShape, any_angle: bool, rng: np.random.Generator, hard: bool) -> Imprint:
@@ -167,7 +163,7 @@ def _hard_imprint(
 ) -> Imprint:
     """Return an imprint of the lift's face at a random rotation and force (0.4 to 1.2 N, plus the growth)."""
     kind, bulge = conditions.face(site.contact)
-    surface = build_surface(site, side, lift) if kind is None else soft_surface(kind, side, lift)
+    surface = face_surface(site, kind, side, lift)
     turn_deg = float(rng.uniform(0.0, _LIFT_TURN_DEG))
     force_n = float(rng.uniform(0.4, 1.2)) * conditions.pressed_more(turn_deg)
     centre_mm = (float(rng.normal(0.0, 1.0)), float(rng.normal(0.0, 1.5)))
@@ -191,48 +187,17 @@ def random_contact(rng: np.random.Generator) -> ContactShape:
 
 
 def _random_part(rng: np.random.Generator) -> Shape:
-    place = {
+    values = {
         "x_mm": _between(rng, -4.0, 4.0),
         "z_mm": _between(rng, -4.0, 4.0),
         "axis_deg": _between(rng, -90.0, 90.0),
         "drop_mm": abs(float(rng.normal(0.0, 0.12))),
     }
-    bent = {**place, "bend_per_mm": _between(rng, -0.02, 0.02)}
-    match str(rng.choice(_KINDS)):
-        case "ball":
-            return Ball(radius_mm=_any_scale(rng, 3.0, 60.0), **place)
-        case "cylinder":
-            return _cylinder(rng, bent)
-        case "pad":
-            return _pad(rng, bent)
-        case "edge":
-            slopes = {"slope": _between(rng, 0.2, 1.2), "slope_below": _between(rng, 0.2, 1.2)}
-            return Edge(nose_mm=_between(rng, 0.3, 5.0), length_mm=_between(rng, 5.0, 40.0), **slopes, **bent)
-        case _:
-            return Rim(radius_mm=_between(rng, 1.5, 15.0), wire_mm=_between(rng, 0.4, 2.5), **place)
-
-
-def _cylinder(rng: np.random.Generator, place: dict[str, float]) -> Cylinder:
-    return Cylinder(
-        radius_mm=_any_scale(rng, 2.0, 50.0),
-        length_mm=_between(rng, 4.0, 30.0),
-        end_radius_mm=_between(rng, 0.5, 6.0),
-        waist_radius_mm=_or_none(rng, 40.0, 200.0),
-        taper_per_mm=_between(rng, -0.03, 0.03),
-        **place,
-    )
-
-
-def _pad(rng: np.random.Generator, place: dict[str, float]) -> Pad:
-    return Pad(
-        length_mm=_between(rng, 4.0, 18.0),
-        width_mm=_between(rng, 3.0, 10.0),
-        corner_mm=_between(rng, 0.3, 1.2),
-        edge_mm=_between(rng, 0.2, 0.3),
-        crown_radius_mm=_or_none(rng, 15.0, 100.0),
-        taper_per_mm=_between(rng, -0.03, 0.03),
-        **place,
-    )
+    bend_per_mm, kind = _between(rng, -0.02, 0.02), str(rng.choice(_KINDS))
+    if kind not in ("ball", "rim"):
+        values["bend_per_mm"] = bend_per_mm
+    sizes = {name: draw(rng, low, high) for name, (draw, low, high) in _SIZES[kind].items()}
+    return SHAPES[kind](**values, **sizes)
 
 
 def _between(rng: np.random.Generator, low: float, high: float) -> float:
@@ -246,3 +211,24 @@ def _any_scale(rng: np.random.Generator, low: float, high: float) -> float:
 def _or_none(rng: np.random.Generator, low: float, high: float) -> float:
     """Draw a radius, or 0 (straight, flat) with a probability of one half."""
     return 0.0 if rng.random() < 0.5 else _between(rng, low, high)
+
+
+_SIZES: dict[str, dict[str, tuple[Callable[[np.random.Generator, float, float], float], float, float]]] = {
+    "ball": {"radius_mm": (_any_scale, 3.0, 60.0)},
+    "cylinder": {
+        "radius_mm": (_any_scale, 2.0, 50.0), "length_mm": (_between, 4.0, 30.0),
+        "end_radius_mm": (_between, 0.5, 6.0), "waist_radius_mm": (_or_none, 40.0, 200.0),
+        "taper_per_mm": (_between, -0.03, 0.03),
+    },
+    "pad": {
+        "length_mm": (_between, 4.0, 18.0), "width_mm": (_between, 3.0, 10.0),
+        "corner_mm": (_between, 0.3, 1.2), "edge_mm": (_between, 0.2, 0.3),
+        "crown_radius_mm": (_or_none, 15.0, 100.0), "taper_per_mm": (_between, -0.03, 0.03),
+    },
+    "edge": {
+        "slope": (_between, 0.2, 1.2), "slope_below": (_between, 0.2, 1.2),
+        "nose_mm": (_between, 0.3, 5.0), "length_mm": (_between, 5.0, 40.0),
+    },
+    "rim": {"radius_mm": (_between, 1.5, 15.0), "wire_mm": (_between, 0.4, 2.5)},
+}  # fmt: skip
+"""Sizes of random shapes, in the order in which they are drawn: distribution, lowest and highest value."""

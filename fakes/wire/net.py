@@ -20,56 +20,58 @@ from drivers.errors import DeviceError, InputError, RigError
 CONTROLLER_PORTS = (29999, 30001, 30002, 30003, 30004)
 ADDRESSES = tuple(f"127.0.0.{number}" for number in range(1, 33))
 Command = Callable[..., Mapping[str, Any] | None]
-TIMEOUT_S = 5.0
+TIMEOUT_S = JOIN_S = 5.0
 LONGEST_LINE = 65536
 _log = logging.getLogger(__name__)
 
 
-class VitalThread(threading.Thread):
-    """A thread without which its fake cannot work. failure: the error that ended it, None if there was none.
+class Part:
+    """A part of the fakes that a thread runs from `start` to `stop`.
 
-    The owner of the fake polls `failure` and then ends the process: a fake without one of its threads would
-    only appear to work.
+    work: runs in the thread until `stopping` is set. failure: the error that ended it, None without one. The
+    owner of the fakes polls it and then ends the process: fakes without one of their threads would only
+    appear to work.
     """
 
-    def __init__(self, work: Callable[[], None], name: str) -> None:
-        super().__init__(name=name, daemon=True)
-        self._work = work
+    def __init__(self, name: str, work: Callable[[], None]) -> None:
         self.failure: Exception | None = None
+        self.stopping = threading.Event()
+        self._work, self._name = work, name
+        self._thread = threading.Thread(target=self._run, name=name, daemon=True)
 
-    def run(self) -> None:
+    def start(self) -> None:
+        self._thread.start()
+
+    def stop(self) -> None:
+        """End the thread. Safe before `start`, and to call twice."""
+        self.stopping.set()
+        if self._thread.is_alive():
+            self._thread.join(JOIN_S)
+
+    def _run(self) -> None:
         try:
             self._work()
         except Exception as error:
-            _log.exception("%s has ended", self.name)
+            _log.exception("%s has ended", self._name)
             self.failure = error
 
 
-class BackgroundServer:
-    """Serves in a thread from `start` to `stop`. poll_s: how often it checks whether it has to stop."""
+class BackgroundServer(Part):
+    """Serves in a thread. poll_s: how often it checks whether it has to stop."""
 
     def __init__(self, server: socketserver.TCPServer, poll_s: float = 0.1) -> None:
+        super().__init__(type(self).__name__, lambda: server.serve_forever(poll_s))
         self._server = server
-        self._thread = VitalThread(lambda: server.serve_forever(poll_s), type(self).__name__)
 
     @property
     def host_port(self) -> tuple[str, int]:
         host, port = self._server.server_address[:2]
         return str(host), int(port)
 
-    @property
-    def failure(self) -> Exception | None:
-        """The error that ended the server, None if there was none."""
-        return self._thread.failure
-
-    def start(self) -> None:
-        self._thread.start()
-
     def stop(self) -> None:
-        """Stop listening. Safe before `start`."""
         if self._thread.is_alive():
             self._server.shutdown()
-            self._thread.join()
+        super().stop()
         self._server.server_close()
 
 

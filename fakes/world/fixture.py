@@ -78,17 +78,11 @@ def camera_T_target(  # noqa: N802 - frame names keep their case
 
 _TIP_M = (0.0021, -0.0014, 0.0320)
 _TIP_SPREAD_M = 0.002
-_HOLE_FROM_TABLE_M = (0.02, 0.03, 0.0)
+HOLE_FROM_TABLE_M = (0.02, 0.03, 0.0)
+"""Position of the bottom of the hole, from the table's."""
 
 
 def tip_m(seed: int) -> Vector3:
     """Return the position of the tip in the TCP frame, m; it depends on the seed, as when clamped by hand."""
     x, y, z = (float(v) for v in np.random.default_rng((seed, 41)).normal(_TIP_M, _TIP_SPREAD_M))
-    return x, y, z
-
-
-def gap_m(base_T_tcp: Pose, base_T_table: Pose, seed: int) -> Vector3:  # noqa: N803
-    """Return the vector from the tip to the bottom of the hole, in the base's axes, m."""
-    tip = base_T_tcp.rotation.apply(tip_m(seed)) + np.asarray(base_T_tcp.position_m)
-    x, y, z = (float(v) for v in np.add(base_T_table.position_m, _HOLE_FROM_TABLE_M) - tip)
     return x, y, z

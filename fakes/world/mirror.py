@@ -2,13 +2,12 @@
 
 import threading
 from collections import deque
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from drivers.clock import NS_PER_S
 from drivers.types import Pose, Vector3
-from fakes.objects.catalogue import find_object
 from fakes.world.fixture import Fixture
 from fakes.world.state import BenchLayout, Grasp, LiftVariation, WorldState, between, object_pose
 from fakes.world.world import World
@@ -27,35 +26,22 @@ PATIENCE_S = 0.1
 class Snapshot:
     """The world at one instant, small enough to be sent 250 times per second.
 
-    tool: base_T_tcp. object_id, site: id of the placed object, and index of its grasp site that is held; None
-    if there is none. off_m: as in `Grasp`. fixture: the mounted calibration target. seed: of the lift's
-    variation.
+    tool: base_T_tcp. fixture: the mounted calibration target. seed: of the lift's variation.
     """
 
     state: WorldState
     tool: Pose
-    object_id: str | None
-    site: int | None
-    off_m: tuple[float, float]
+    grasp: Grasp | None
     fixture: Fixture | None
     seed: int
-
-    @property
-    def grasp(self) -> Grasp | None:
-        if self.object_id is None or self.site is None:
-            return None
-        return Grasp(find_object(self.object_id).sites[self.site], self.off_m)
 
 
 def snapshot_of(world: World, time_ns: int) -> Snapshot:
     """Advance the world to `time_ns`, and return the snapshot that the cameras need."""
     state = world.state_at(time_ns)
-    model, site = world.model, world.site
-    number = model.sites.index(site) if model is not None and site is not None else None
-    off_m = world.grasp.off_m if world.grasp else (0.0, 0.0)
     # Over the wire protocol a path lasts one control cycle, so the orientation of its end is accurate enough.
     tool = Pose(world.tool.position_at(state.time_ns), world.tool.end.quaternion_xyzw)
-    return Snapshot(state, tool, model.id if model else None, number, off_m, world.fixture, world.seed)
+    return Snapshot(state, tool, world.grasp, world.fixture, world.seed)
 
 
 class MirroredWorld:
@@ -92,46 +78,39 @@ class MirroredWorld:
 
     def state_at(self, time_ns: int) -> WorldState:
         """Return the state at `time_ns`; if it does not arrive in time, the newest state."""
-        return _state(*self._around(time_ns), time_ns)
+        return self._at(time_ns).state
 
     def object_pose_at(self, time_ns: int) -> Pose:
-        before, after = self._around(time_ns)
-        tool_m = _tool(before, after, time_ns).position_m
-        state = _state(before, after, time_ns)
-        return object_pose(self.layout, self.variation, after.grasp, state, tool_m)
+        now = self._at(time_ns)
+        return object_pose(self.layout, self.variation, now.grasp, now.state, now.tool.position_m)
 
     def tool_pose_at(self, time_ns: int) -> Pose:
-        return _tool(*self._around(time_ns), time_ns)
+        return self._at(time_ns).tool
 
-    def _around(self, time_ns: int) -> tuple[Snapshot, Snapshot]:
-        """Return the snapshots before and after a time; the same one twice at either end."""
+    def _at(self, time_ns: int) -> Snapshot:
+        """Return the world at a time, interpolated between two snapshots a few ms apart.
+
+        The tool has the orientation of the later one. Before the first and after the last snapshot the world
+        does not change.
+        """
         with self._arrived:
             self._arrived.wait_for(lambda: self._snapshots[-1].state.time_ns >= time_ns, self._patience_s)
-            after = self._snapshots[-1]
+            before = after = self._snapshots[-1]
             for before in reversed(self._snapshots):
                 if before.state.time_ns <= time_ns:
-                    return (before, after) if after.state.time_ns > time_ns else (after, after)
+                    break
                 after = before
-            return after, after
+        if not before.state.time_ns <= time_ns < after.state.time_ns:
+            return after
+        share = (time_ns - before.state.time_ns) / (after.state.time_ns - before.state.time_ns)
+        ends = zip(before.tool.position_m, after.tool.position_m, strict=True)
+        x, y, z = (a + share * (b - a) for a, b in ends)
+        tool = Pose((x, y, z), after.tool.quaternion_xyzw)
+        return replace(after, state=between(before.state, after.state, time_ns), tool=tool)
 
 
 WorldView = World | MirroredWorld
 """Types of world that the simulated cameras can show."""
-
-
-def _state(before: Snapshot, after: Snapshot, time_ns: int) -> WorldState:
-    return after.state if before is after else between(before.state, after.state, time_ns)
-
-
-def _tool(before: Snapshot, after: Snapshot, time_ns: int) -> Pose:
-    """Return the TCP between two snapshots a few ms apart, with the orientation of the later one."""
-    if before is after:
-        return after.tool
-    share = (time_ns - before.state.time_ns) / (after.state.time_ns - before.state.time_ns)
-    x, y, z = (
-        a + share * (b - a) for a, b in zip(before.tool.position_m, after.tool.position_m, strict=True)
-    )
-    return Pose((x, y, z), after.tool.quaternion_xyzw)
 
 
 TrackSample = tuple[int, float, float, float, float, bool]

@@ -229,9 +229,6 @@ _INTERPOLATED = ("force_n", "object_turn_rad", "wrist_rad", "torsion_rad", "slid
 def between(before: WorldState, after: WorldState, time_ns: int) -> WorldState:
     """Return the state at `time_ns`, linearly interpolated between two states."""
     f = (time_ns - before.time_ns) / (after.time_ns - before.time_ns)
-    values: dict[str, float] = {}
-    if before.held == after.held:
-        for name in _INTERPOLATED:
-            start, end = getattr(before, name), getattr(after, name)
-            values[name] = start + f * (end - start)
-    return replace(after, time_ns=time_ns, **values)
+    ends = {name: (getattr(before, name), getattr(after, name)) for name in _INTERPOLATED}
+    values = {name: start + f * (end - start) for name, (start, end) in ends.items()}
+    return replace(after, time_ns=time_ns, **(values if before.held == after.held else {}))

@@ -7,7 +7,6 @@ simulated devices may read it; protocols, drivers and estimators get only what a
 import math
 import threading
 from collections import deque
-from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -15,7 +14,7 @@ from drivers.clock import NS_PER_S
 from drivers.errors import DeviceError
 from drivers.types import Pose, Vector3
 from fakes.objects.catalogue import GraspSite, ObjectModel, find_object
-from fakes.world.fixture import Fixture, gap_m, parse_fixture
+from fakes.world.fixture import HOLE_FROM_TABLE_M, Fixture, parse_fixture, tip_m
 from fakes.world.motion import FingerPath, ToolPath, tool_tilt
 from fakes.world.state import (
     GRAVITY,
@@ -44,7 +43,6 @@ _OFF_DIGITS = 6
 """Offsets of a grasp are rounded to this number of digits, to micrometres."""
 
 
-@dataclass(slots=True)
 class World:
     """Tool, fingers, object and contact, simulated in steps of 2 ms.
 
@@ -52,39 +50,14 @@ class World:
     of the variation of a lift. start_ns: bench time at which the world begins.
     """
 
-    layout: BenchLayout
-    seed: int
-    start_ns: int = 0
-    tool: ToolPath = field(init=False)
-    fingers: FingerPath = field(init=False)
-    model: ObjectModel | None = None
-    site: GraspSite | None = None
-    variation: LiftVariation = field(init=False)
-    _rng: np.random.Generator = field(init=False)
-    _slip: SlipDynamics | None = None
-    fixture: Fixture | None = None
-    damaged: bool = False
-    """Whether the fingers have marked the object. No sensor measures it."""
-    _slips_ns: list[tuple[int, int]] = field(default_factory=list)
-    _off_m: tuple[float, float] = (0.0, 0.0)
-    _grasp_height_m: float = 0.0
-    _grasp_tilt_rad: float = 0.0
-    _turned_by_hand: bool = False
-    _history: deque[WorldState] = field(init=False)
-    _lock: threading.RLock = field(default_factory=threading.RLock, init=False)
-
-    def __post_init__(self) -> None:
-        self._rng = np.random.default_rng(self.seed)
-        self.variation = LiftVariation.from_rng(self._rng)
-        self.tool = ToolPath.resting(self.layout.home)
-        self.fingers = FingerPath.resting(float(self.layout.open_counts))
-        first = WorldState(self.start_ns, 0.0, 0.0, tool_tilt(self.layout.home), 0.0, 0.0, 0.0, False)
+    def __init__(self, layout: BenchLayout, seed: int, start_ns: int = 0) -> None:
+        self.layout, self._lock = layout, threading.RLock()
+        self.tool = ToolPath.resting(layout.home)
+        self.fingers = FingerPath.resting(float(layout.open_counts))
+        self._grasp_height_m = self._grasp_tilt_rad = 0.0
+        first = WorldState(start_ns, 0.0, 0.0, tool_tilt(layout.home), 0.0, 0.0, 0.0, False)
         self._history = deque([first], maxlen=HISTORY_STEPS)
-
-    @property
-    def grasp(self) -> Grasp | None:
-        """The grasp of the held object; None if nothing is held."""
-        return None if self.site is None else Grasp(self.site, self._off_m)
+        self.place(None, seed)
 
     def lay(self, text: str, seed: int | None = None) -> None:
         """Place an object on the table or mount a target, as the operator would.
@@ -103,12 +76,15 @@ class World:
         """
         with self._lock:
             if seed is not None:
-                self.seed = seed
-                self._rng = np.random.default_rng(seed)
+                self.seed, self._rng = seed, np.random.default_rng(seed)
                 self.variation = LiftVariation.from_rng(self._rng)
-            self.model, self.site, self._slip, self.fixture = model, None, None, None
+            self.model: ObjectModel | None = model
+            self.grasp: Grasp | None = None
+            self.fixture: Fixture | None = None
+            self._slip: SlipDynamics | None = None
+            self._slips_ns: list[tuple[int, int]] = []
             self._turned_by_hand = self.damaged = False
-            self._slips_ns = []
+            """damaged: whether the fingers have marked the object. No sensor measures it."""
 
     def hold(
         self,
@@ -138,7 +114,8 @@ class World:
 
     def squeeze_at(self, time_ns: int) -> float:
         """Return how far the fingers are closed beyond the object's surface, m; 0 without contact."""
-        site = self.site or self._reachable_site(time_ns)
+        grasp = self.grasp  # read once: another thread may replace it
+        site = grasp.site if grasp else self._reachable_site(time_ns)
         if site is None:
             return 0.0
         width = site.width_m + (0.0 if site.contact.exact else self.variation.width_error_m)
@@ -153,9 +130,9 @@ class World:
         """Return the state at `time_ns` and the load on the grip; None if nothing is held."""
         with self._lock:
             state = self._state_at(time_ns)
-            if not state.held or self.model is None or self.site is None:
+            if not state.held or self.model is None or self.grasp is None:
                 return None
-            return state, self._load(self.model, self.site, state.force_n)
+            return state, self._load(self.model, self.grasp.site, state.force_n)
 
     def object_pose_at(self, time_ns: int) -> Pose:
         """Return `base_T_object`: origin at the centre of mass, x along the object, z up."""
@@ -168,7 +145,10 @@ class World:
 
     def gap_at(self, time_ns: int) -> Vector3:
         """Return the vector from the clamped tip to the hole on the table, in the base's axes, m."""
-        return gap_m(self.tool.pose_at(time_ns), self.layout.base_T_table, self.seed)
+        base_T_tcp = self.tool.pose_at(time_ns)  # noqa: N806 - frame names keep their case
+        tip = base_T_tcp.rotation.apply(tip_m(self.seed)) + np.asarray(base_T_tcp.position_m)
+        x, y, z = (np.add(self.layout.base_T_table.position_m, HOLE_FROM_TABLE_M) - tip).tolist()
+        return x, y, z
 
     def _state_at(self, time_ns: int) -> WorldState:
         while self._history[-1].time_ns < time_ns:
@@ -197,32 +177,32 @@ class World:
         wrist = self.tool.tilt_at(time_ns)
         squeeze = self.squeeze_at(time_ns)
         if squeeze <= 0.0 or self.model is None:
-            self.site, self._slip = None, None
+            self.grasp, self._slip = None, None
             return WorldState(time_ns, 0.0, 0.0, wrist, 0.0, 0.0, 0.0, False)
         if self._slip is None:
             self._close_on_object(time_ns, wrist)
         return self._held(time_ns, squeeze, wrist)
 
     def _close_on_object(self, time_ns: int, wrist_rad: float) -> None:
-        self.site = self._reachable_site(time_ns)
+        site = self._reachable_site(time_ns)
         self._slip = SlipDynamics(self._rng, creep_rad=math.radians(self._rng.uniform(0.0, 0.3)))
         x, _, z = self.tool.position_at(time_ns)
         table_x, _, table_z = self.layout.base_T_table.position_m
-        middle_x = table_x + (self.site.offset_m if self.site else 0.0)
-        self._off_m = round(x - middle_x, _OFF_DIGITS), round(z - table_z, _OFF_DIGITS)
-        self._grasp_height_m = z
-        self._grasp_tilt_rad = wrist_rad
+        if site is not None:
+            off_m = round(x - (table_x + site.offset_m), _OFF_DIGITS), round(z - table_z, _OFF_DIGITS)
+            self.grasp = Grasp(site, off_m)
+        self._grasp_height_m, self._grasp_tilt_rad = z, wrist_rad
 
     def _held(self, time_ns: int, squeeze_m: float, wrist_rad: float) -> WorldState:
-        slip, model, site = self._slip, self.model, self.site
-        if slip is None or model is None or site is None:
+        slip, model, grasp = self._slip, self.model, self.grasp
+        if slip is None or model is None or grasp is None:
             raise DeviceError("simulated world: an object is held, but not at a grasp site")
         height = max(0.0, self.tool.position_at(time_ns)[2] - self._grasp_height_m)
         loaded = min(height / 0.015, 1.0)
         sway = SWAY * loaded * math.sin(2 * math.pi * 0.9 * time_ns / NS_PER_S + self.variation.sway_phase)
         force = FINGER_STIFFNESS_N_M * squeeze_m * (1.0 + self.variation.force_shift * loaded + sway)
         self.damaged |= model.marked_above_n is not None and force > model.marked_above_n
-        slip.step(self._load(model, site, force), height, STEP_NS / NS_PER_S)
+        slip.step(self._load(model, grasp.site, force), height, STEP_NS / NS_PER_S)
         if slip.slipping or slip.fallen:
             goes_on = self._slips_ns and self._slips_ns[-1][1] == time_ns - STEP_NS
             began_ns = self._slips_ns.pop()[0] if goes_on else time_ns

@@ -57,10 +57,7 @@ def build_bench(
     scripted = [ScriptedFault(**fault.model_dump()) for fault in config.faults]
     faults = FaultScript(tuple(fault for fault in scripted if fault.concerns(lift, attempt)))
     devices = _Devices(config, clock, world, faults, variation_seed)
-    bench = devices.bench(world.layout.base_T_table, world.layout.home, Hand(HandState(Holding.FREE)))
-
-    def lay(object_id: str) -> None:
-        world.lay(laid_as(config.objects, object_id))
+    bench = devices.bench(Hand(HandState(Holding.FREE)))
 
     def lead(to: Pose) -> Callable[[], bool]:
         there_ns = clock.now_ns() + to_ns(LED_S)
@@ -71,13 +68,18 @@ def build_bench(
     def hold(object_id: str, pose: Pose, opening_m: float | None, turning: bool) -> None:
         world.hold(laid_as(config.objects, object_id), pose, opening_m, turning)
 
-    return bench, SimulatedOperator(lay, lambda: world.gap_at(clock.now_ns()), seed, lead=lead, hold=hold)
+    person = SimulatedOperator(
+        lambda object_id: world.lay(laid_as(config.objects, object_id)),
+        lambda: world.gap_at(clock.now_ns()),
+        lead,
+        seed,
+        hold=hold,
+    )
+    return bench, person
 
 
 def simulated_arm(config: BenchConfig, world: World, clock: Clock, faults: FaultScript) -> FakeArm:
-    """Create the arm of a simulated bench, with the limits of its bench file."""
-    joints = config.arm.limits.joint_limits_rad()
-    return FakeArm(world, clock, faults, config.arm_limits(), joints)
+    return FakeArm(world, clock, faults, config.arm_limits(), config.arm.limits.joint_limits_rad())
 
 
 def home_pose(config: BenchConfig) -> Pose:
@@ -107,9 +109,7 @@ def build_real_bench(config: BenchConfig, hand: Hand | None = None, clock: Clock
     world = None
     if "fake" in config.drivers:
         world = World(simulated_layout(config), seed=0, start_ns=clock.now_ns())
-    table = Pose(config.table.position_m) if config.has("table") else Pose((0.0, 0.0, 0.0))
-    home = home_pose(config) if config.has("arm") else Pose((0.0, 0.0, 0.0))
-    return _Devices(config, clock, world, FaultScript()).bench(table, home, hand or Hand())
+    return _Devices(config, clock, world, FaultScript()).bench(hand or Hand())
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,8 +122,8 @@ class _Devices:
     faults: FaultScript
     variation_seed: int | None = None
 
-    def bench(self, base_T_table: Pose, base_T_home: Pose, hand: Hand) -> Bench:  # noqa: N803
-        config = self.config
+    def bench(self, hand: Hand) -> Bench:
+        config, layout = self.config, simulated_layout(self.config)
         has_camera = config.has("camera")
         return Bench(
             name=config.name,
@@ -136,8 +136,8 @@ class _Devices:
             ),
             camera=self._camera() if has_camera else missing_device("camera"),
             base_T_camera=config.base_T_camera() if has_camera else Pose((0.0, 0.0, 0.0)),
-            base_T_table=base_T_table,
-            base_T_home=base_T_home,
+            base_T_table=layout.base_T_table,
+            base_T_home=layout.home,
             hand=hand,
         )
 
@@ -207,7 +207,7 @@ def simulated_bench_plan(config: BenchConfig) -> BenchPlan:
 
 
 def simulated_layout(config: BenchConfig) -> BenchLayout:
-    """Return the layout of a simulated bench; values that its file lacks are those of the bench `fake`."""
+    """Return the layout of a bench; values that its file lacks are those of the bench `fake`."""
     fingers = config.gripper.limits if config.has("gripper") else GripperLimitsConfig()
     return BenchLayout(
         Pose(config.table.position_m if config.has("table") else TABLE_M),

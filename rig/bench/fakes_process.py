@@ -132,7 +132,7 @@ def simulated_operator(config: BenchConfig, clock: Clock, seed: int) -> Simulate
         return lambda: clock.now_ns() >= there_ns
 
     prove = partial(prove_simulated, config)
-    return SimulatedOperator(place, lambda: tuple(control.call("gap")["gap_m"]), seed, prove, lead)
+    return SimulatedOperator(place, lambda: tuple(control.call("gap")["gap_m"]), lead, seed, prove)
 
 
 def state_lines(state: Mapping[str, Any]) -> list[str]:

@@ -24,9 +24,9 @@ _LED_M = 1e-3
 class SimulatedOperator:
     """Agrees to everything; `place` puts an object, given its id, into the simulated world.
 
-    gap: returns the displacement from a tip in the hand to the hole on the table, m, base axes. prove: raises
-    unless the devices are simulated; called in place of each question to a person. lead: starts to lead the
-    arm to a pose, and returns a function that returns whether the arm has arrived. hold: holds an object at a
+    gap: returns the displacement from a tip in the hand to the hole on the table, m, base axes. lead: starts
+    to lead the arm to a pose, and returns a function that returns whether the arm has arrived. prove: raises
+    unless the devices are simulated; called in place of each question to a person. hold: holds an object at a
     pose, pressed to an opening in m, or without contact if the opening is None; its last argument is whether
     the object is turned to and fro.
     """
@@ -34,10 +34,10 @@ class SimulatedOperator:
     def __init__(
         self,
         place: Callable[[str], object],
-        gap: Callable[[], Vector3] | None = None,
-        seed: int = 0,
+        gap: Callable[[], Vector3],
+        lead: Callable[[Pose], Callable[[], bool]],
+        seed: int,
         prove: Callable[[], None] = lambda: None,
-        lead: Callable[[Pose], Callable[[], bool]] | None = None,
         hold: Callable[[str, Pose, float | None, bool], None] | None = None,
     ) -> None:
         self._place, self._gap, self._prove, self._lead, self._hold = place, gap, prove, lead, hold
@@ -73,8 +73,6 @@ class SimulatedOperator:
     def nudge(self, question: str) -> Vector3 | None:
         """Return the displacement that a person would see between tip and hole."""
         self._prove()
-        if self._gap is None:
-            raise InputError("this simulated bench has no tip and hole")
         x, y, z = (float(v) for v in self._rng.normal(self._gap(), _EYE_M))
         return None if np.linalg.norm((x, y, z)) < _SEATED_M else (x, y, z)
 
@@ -82,16 +80,13 @@ class SimulatedOperator:
     def guide(self, question: str, where: Pose) -> Iterator[Callable[[], bool]]:
         """Lead the arm there, with the accuracy of a person."""
         self._prove()
-        lead = self._lead
-        if lead is None:
-            raise InputError("on this simulated bench the arm cannot be led by hand; teach with --by keys")
         x, y, z = (float(v) for v in self._rng.normal(0.0, _LED_M, 3))
         led = Pose.from_rotation(where.translated(x, y, z).position_m, where.rotation)
         arrived: list[Callable[[], bool]] = []
 
         def there() -> bool:
             if not arrived:  # the arm is compliant only from now on
-                arrived.append(lead(led))
+                arrived.append(self._lead(led))
             return arrived[0]()
 
         yield there
@@ -123,8 +118,9 @@ class ConsoleOperator:
         tell: Callable[[str], str] | None = None,
         wait: Callable[[str], Guidance] | None = None,
         press: Callable[[str], str] | None = None,
+        feeder: str | None = None,
     ) -> None:
-        self.feeder: str | None = None
+        self.feeder = feeder
         self._ask, self._tell, self._wait, self._press = ask, tell, wait, press
         self._agreed = agreed
         self._in_place: str | None = None

@@ -28,6 +28,7 @@ from drivers.named_classes import named_class, raised_text
 from drivers.types import ArmLimits, ArmState, Frame, GripperSpec, GripperState, Pose
 from drivers.values import require_fraction, require_integer
 from rig.config import BenchConfig, CameraConfig, TactileConfig
+from rig.config.models import DeviceConfig
 
 ARM_STALE_S, GRIPPER_STALE_S = 0.4, 0.9
 """Largest age of a state, as in the rig's own drivers (`drivers.ur5e.link`, `drivers.robotiq_3f.modbus`)."""
@@ -237,18 +238,12 @@ def own_arm(config: BenchConfig, clock: Clock) -> Arm:
     host, frequency_hz, joint_limits_rad (lowest and highest, rad) and clock.
     """
     arm, limits = config.arm, config.arm_limits()
-    needed = {
-        "limits": limits,
-        "flange_T_tcp": arm.flange_T_tcp(),
-        "payload_kg": arm.payload_kg,
-        "payload_cog_m": arm.payload_cog_m,
-    }
+    needed = {"limits": limits, "flange_T_tcp": arm.flange_T_tcp()}
+    needed |= {"payload_kg": arm.payload_kg, "payload_cog_m": arm.payload_cog_m}
     known = {"host": arm.host, "frequency_hz": arm.frequency_hz, "clock": clock}
     known["joint_limits_rad"] = arm.limits.joint_limits_rad()
-    written = set(arm.model_fields_set)
-    if {"joint_min_deg", "joint_max_deg"} & arm.limits.model_fields_set:
-        written.add("joint_limits_rad")
-    driver = _made("arm", arm.driver, Arm, ARM_METHODS, needed, known, written, arm.options)
+    joints = {"joint_min_deg", "joint_max_deg"} & arm.limits.model_fields_set
+    driver = _made("arm", arm, Arm, ARM_METHODS, needed, known, {"joint_limits_rad"} if joints else set())
     return cast(Arm, CheckedArm(driver, arm.driver, limits, clock))
 
 
@@ -260,8 +255,7 @@ def own_gripper(config: BenchConfig, clock: Clock) -> Gripper:
     own, spec = config.gripper, config.gripper_spec()
     keys = ("host", "port", "device", "transport", "preset", "fingers")
     known = {key: getattr(own, key) for key in keys} | {"clock": clock}
-    needed, written = {"spec": spec}, own.model_fields_set
-    driver = _made("gripper", own.driver, Gripper, GRIPPER_METHODS, needed, known, written, own.options)
+    driver = _made("gripper", own, Gripper, GRIPPER_METHODS, {"spec": spec}, known)
     return cast(Gripper, CheckedGripper(driver, own.driver, spec, clock))
 
 
@@ -271,32 +265,29 @@ def own_source(config: TactileConfig | CameraConfig, clock: Clock) -> TactileSen
     Its constructor must accept serial and rate_hz. It may accept address, size_px (width, height) and clock.
     """
     serial, rate_hz = config.serial, config.rate_hz
-    needed = {"serial": serial, "rate_hz": rate_hz}
     known = {"address": config.address, "size_px": config.size_px, "clock": clock}
     kind = TactileSensor if isinstance(config, TactileConfig) else FrameSource
-    written, options = config.model_fields_set, config.options
-    driver = _made(serial, config.driver, kind, SOURCE_METHODS, needed, known, written, options)
+    driver = _made(serial, config, kind, SOURCE_METHODS, {"serial": serial, "rate_hz": rate_hz}, known)
     return cast(TactileSensor, CheckedSource(driver, config.driver, serial, rate_hz, config.size_px))
 
 
 def _made(
     device: str,
-    name: str,
+    section: DeviceConfig,
     protocol: type[Any],
     methods: Iterable[str],
     needed: Mapping[str, Any],
     known: Mapping[str, Any],
-    written: Set[str],
-    options: Mapping[str, Any],
+    written: Set[str] = frozenset(),
 ) -> Any:
-    """Import a class and call it.
+    """Import the class that a section of the bench file names, and call it.
 
     methods: those of the Protocol that a class must implement. needed: arguments that it must accept.
-    known: arguments that it may accept. written: keys in the bench file; those of `known` among them must not
-    be ignored silently.
+    known: arguments that it may accept; those that are keys in the section, or in `written`, must not be
+    ignored silently.
     """
-    what = f"{device}: driver '{name}'"
-    found = named_class(name, f"{device}: driver")
+    options, what = section.options, f"{device}: driver '{section.driver}'"
+    found = named_class(section.driver, f"{device}: driver")
     try:
         takes = inspect.signature(found).parameters
     except (TypeError, ValueError) as error:
@@ -307,7 +298,8 @@ def _made(
     if missing:
         raise InputError(f"{what}: {found.__name__} does not implement {', '.join(missing)}")
     all_of_them = any(p.kind is inspect.Parameter.VAR_KEYWORD for p in takes.values())
-    for key in (*needed, *(known.keys() & written - MAY_BE_IGNORED), *options):
+    in_file = (section.model_fields_set | written) - MAY_BE_IGNORED
+    for key in (*needed, *(known.keys() & in_file), *options):
         if key not in takes and not all_of_them:
             own = "option" if key in options else "argument"
             raise InputError(

@@ -50,10 +50,8 @@ def read_devices(bench: Bench) -> list[Reading]:
     reads: list[tuple[str, Callable[[], str]]] = [
         (source.serial, partial(_frame_of, source)) for source in bench.frame_sources
     ]
-    if bench.has("gripper"):
-        reads.append(("gripper", partial(_fingers_of, bench.gripper)))
-    if bench.has("arm"):
-        reads.append(("arm", partial(_slider_of, bench.arm)))
+    reads += [("gripper", lambda: _fingers_of(bench.gripper))] if bench.has("gripper") else []
+    reads += [("arm", lambda: _slider_of(bench.arm))] if bench.has("arm") else []
     readings = []
     for device, read in reads:
         try:
@@ -120,13 +118,13 @@ class HandMemory:
                 f"{self._folder}: cannot be written ({error.strerror}): it stores what the hand holds "
                 "across crashes; set XDG_STATE_HOME to a writable folder"
             ) from error
-        write_json(self._file, {**asdict(state), "holding": state.holding.value})
+        self._write(state)
         return state
 
     def keep(self, state: HandState) -> None:
         """Store the state. A failure is only logged, because the hand continues its motion."""
         try:
-            write_json(self._file, {**asdict(state), "holding": state.holding.value})
+            self._write(state)
         except RecordingError as error:
             _log.warning("%s", error)
 
@@ -149,6 +147,9 @@ class HandMemory:
                 if all(finder.find(image).mask is not None for image in frames):
                     found.append(sensor.serial)
         return found
+
+    def _write(self, state: HandState) -> None:
+        write_json(self._file, {**asdict(state), "holding": state.holding.value})
 
     def _read(self) -> HandState:
         try:

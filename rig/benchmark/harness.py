@@ -112,8 +112,6 @@ def limit_table(limits: Sequence[Measured], whose: str) -> Table:
 
 @dataclass(frozen=True, slots=True)
 class Report:
-    """Results of a study."""
-
     tables: Sequence[Table]  # for the terminal, in this order; a table of the limits follows
     limits: Sequence[Measured] = ()
     limits_of: str = ""  # the limits' subject

@@ -44,8 +44,6 @@ WIRE_OBJECT = "t1"  # the wrench: it slips at any grip, so that each of its lift
 
 @dataclass(frozen=True, slots=True)
 class ReactionOptions:
-    """Options of `rig benchmark reaction`."""
-
     react: Literal["stop", "tighten", "lower"] = option("tighten", "Reaction to a slip.")
     objects: list[str] | None = option(
         None, "Id or name; repeat for more. Default: the trial's nine.", "--object"
@@ -62,8 +60,6 @@ class ReactionOptions:
 
 @dataclass(frozen=True, slots=True)
 class Reaction:
-    """One reaction in a lift."""
-
     latency_s: float | None  # from a true rotation of half a degree to the event's frame; None if it is less
     command_s: float | None  # from that frame to the command
     counts_added: int
@@ -72,8 +68,6 @@ class Reaction:
 
 @dataclass(frozen=True, slots=True)
 class ReactedLift:
-    """One lift."""
-
     object_id: str
     lift: int
     outcome: LiftOutcome
@@ -109,9 +103,7 @@ def measure(options: ReactionOptions, run: Run) -> Report:
 
     Examples:
       rig benchmark reaction
-
       rig benchmark reaction --react stop --object wrench --lifts 3 --json
-
     """
     bench = load_bench("fake")
     late = bench.gripper.model_copy(update={"period_s": GRIPPER_PERIOD_S})

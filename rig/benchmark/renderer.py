@@ -11,7 +11,6 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from itertools import islice
 
 import cv2
 import numpy as np
@@ -339,8 +338,9 @@ def drawn_lift(seed: int) -> KnownLift:
     course, name = draw_course(seed), f"{kind_of(seed)}/{seed}"
 
     def tip(number: int) -> SessionSeries:
-        empty = [of.image for of in islice(frames(seed, number), BACKGROUND_FRAMES) if of.image is not None]
-        series = FrameSeries(name, lambda: islice(frames(seed, number), BACKGROUND_FRAMES, None))
+        drawn = list(frames(seed, number))
+        empty = [of.image for of in drawn[:BACKGROUND_FRAMES] if of.image is not None]
+        series = FrameSeries(name, lambda: iter(drawn[BACKGROUND_FRAMES:]))
         return SessionSeries(name, str(number), SIGNS[number], 1.0, mean_background(empty), series)
 
     tips = {str(number): tip(number) for number in range(len(SIGNS))}
@@ -368,8 +368,6 @@ LIFTS_PER_SEED = 1000  # seed n draws the lifts from 1000 n on
 
 @dataclass(frozen=True, slots=True)
 class RendererOptions:
-    """Options of `rig benchmark renderer`."""
-
     estimator: list[str] | None = option(
         None,
         "Repeat for more, also your own as package.module:Class; limits are for the first. Default: slip.",
@@ -396,9 +394,7 @@ def measure(options: RendererOptions, run: Run) -> Report:
 
     Examples:
       rig benchmark renderer
-
       rig benchmark renderer --estimator slip --estimator ecc --lifts 16 --json
-
     """
     choices = [choose_estimator(name) for name in options.estimator or ["slip"]]
     first = LIFTS_PER_SEED * run.seed

@@ -37,8 +37,6 @@ TURNED_DEG = 5.0  # a lift whose object turned by more counts as turned
 
 @dataclass(frozen=True, slots=True)
 class SeedsOptions:
-    """Options of `rig benchmark seeds`."""
-
     full: bool = option(False, f"{MANY} seeds instead of {FEW}.")
     seeds: int | None = option(None, "Number of seeds.", min=1, max=1000)
     bench: str = option("fake", "fake, hard, or the path of a bench file simulated in process.")
@@ -50,8 +48,6 @@ class SeedsOptions:
 
 @dataclass(frozen=True, slots=True)
 class LiftCase:
-    """One lift of one seed."""
-
     bench: str
     seed: int
     object_id: str
@@ -78,13 +74,9 @@ def measure(options: SeedsOptions, run: Run) -> Report:
 
     Examples:
       rig benchmark seeds
-
       rig benchmark seeds --full --out seeds --resume
-
       rig benchmark seeds --bench hard --readme docs/measurements.md
-
       rig benchmark seeds --bench my_twin.toml --seeds 1
-
     """
     bench = load_calibrated_bench(options.bench, run.say)
     if not bench.in_process:

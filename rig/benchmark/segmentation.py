@@ -58,8 +58,6 @@ PANELS, PANEL_COUNT = Path("aurova_figures") / "panels", 9
 
 @dataclass(frozen=True, slots=True)
 class SegmentationOptions:
-    """Options of `rig benchmark segmentation`."""
-
     model: list[str] | None = option(
         None,
         "Network of rig train or rig model import to add or to replace, as NAME=FILE (NAME: pspnet, "
@@ -73,19 +71,8 @@ class SegmentationOptions:
     )
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Panels:
-    """Real frames (H, W, 3) uint8 RGB, labels (H, W) uint8, 0 or 255, and the frame without contact."""
-
-    frames: list[Image]
-    labels: list[Image]
-    background: Image
-
-
 @dataclass(frozen=True, slots=True)
 class MeanStd:
-    """Mean and standard deviation over frames."""
-
     mean: float
     std: float
 
@@ -121,8 +108,6 @@ class MethodScore:
 
 @dataclass(frozen=True, slots=True)
 class MethodTime:
-    """Run time of a method."""
-
     method: str = column("method")
     size_px: str | None = column("network's input, px", doc="width x height")
     frame_ms: float = column("frame in to mask out, ms", ".2f", "median")
@@ -140,20 +125,15 @@ def measure(options: SegmentationOptions, run: Run) -> Report:
 
     Examples:
       rig benchmark segmentation
-
       rig benchmark segmentation --frames 1000 --out segmentation --json
-
       rig benchmark segmentation --model unetplusplus=runs/unetplusplus_D_s3/model.onnx
-
       rig benchmark segmentation --presses D20641 --presses D20654
-
     """
     given = parse_models(options.model or [], (*NETWORKS, OURS))
     shipped = {name: name for name in SHIPPED}
     models = {**shipped, **{name: str(file) for name, file in given.items()}, CLASSICAL: CLASSICAL}
     data = data_folder()
-    panels = None if data is None else read_panels(data)
-    real = {} if panels is None else {REAL: panels}
+    real = {REAL: read_panels(data / PANELS)} if data and (data / PANELS).is_dir() else {}
     real |= {f"{PRESSES}, {folder.name}": read_presses(folder) for folder in options.presses or ()}
     cv2.setNumThreads(1)
     run.say(f"rendering {options.frames} SIMULATED frames of objects that are not in the training data")
@@ -162,15 +142,11 @@ def measure(options: SegmentationOptions, run: Run) -> Report:
         RANDOMISED: simulated_examples(HELD_OUT, options.frames, run.seed + 1, FRAME_SIZE),
         FAMILY: simulated_examples(HELD_OUT, half, run.seed + 2, FRAME_SIZE, family=True),
         HARD: examples_of(hard_frames(HELD_OUT, run.seed + 3), half, FRAME_SIZE),
+        **real,
     }
 
     def score(method: str) -> list[MethodScore]:
-        scores = [score_examples(method, models[method], title, of) for title, of in sets.items()]
-        for title, of in real.items():
-            segmenter = make_segmenter(SegmentChoice(models[method]), of.background)
-            masks = [_mask(segmenter, frame) for frame in of.frames]
-            scores.append(_scored(method, title, masks, of.labels))
-        return scores
+        return [score_examples(method, models[method], title, of) for title, of in sets.items()]
 
     # one worker, in this process, because the simulated frames are in its memory
     scores = [row for of in run.each(score, list(models), workers=1) for row in of]
@@ -208,27 +184,30 @@ def table_two() -> Table:
     return table_of(title, rows, left=2)
 
 
-def read_panels(data: Path) -> Panels | None:
-    """Read the labelled real frames of a folder, None without any. Raises `InputError` for a damaged file."""
-    folder = data / PANELS
-    if not folder.is_dir():
-        return None
-    frames = [read_image(folder / f"{number}_raw.png") for number in range(1, PANEL_COUNT + 1)]
-    read = [read_image(folder / f"{number}_label.png").max(axis=2) for number in range(1, PANEL_COUNT + 1)]
+def read_panels(folder: Path) -> Examples:
+    """Read the labelled real frames of a folder. Raises `InputError` for a damaged file."""
+    numbers = range(1, PANEL_COUNT + 1)
+    frames = [read_image(folder / f"{number}_raw.png") for number in numbers]
+    read = [read_image(folder / f"{number}_label.png").max(axis=2) for number in numbers]
     labels = [np.where(label > 127, 255, 0).astype(np.uint8) for label in read]
     if any(frame.shape[:2] != label.shape for frame, label in zip(frames, labels, strict=True)):
         raise InputError(f"{folder}: a label and its frame differ in size: copy the folder again")
-    return Panels(frames, labels, auto_background(frames))
+    return _real_examples(frames, labels, auto_background(frames))
 
 
-def read_presses(folder: Path) -> Panels:
+def read_presses(folder: Path) -> Examples:
     """Read photographs of pressed balls with the circles of their contacts. Raises `InputError`."""
     background, pressed = read_circled(folder)
     labels = []
     for image, (x, y, radius) in pressed:
         rows, columns = np.indices(image.shape[:2])
         labels.append(np.where(np.hypot(columns - x, rows - y) <= radius, 255, 0).astype(np.uint8))
-    return Panels([image for image, _ in pressed], labels, background)
+    return _real_examples([image for image, _ in pressed], labels, background)
+
+
+def _real_examples(frames: Sequence[Image], labels: Sequence[Image], background: Image) -> Examples:
+    backgrounds = np.stack([background] * len(frames))
+    return Examples(np.stack(frames), backgrounds, np.stack(labels), ("",) * len(frames), simulated=False)
 
 
 def parse_models(texts: Sequence[str], known: Sequence[str]) -> dict[str, Path]:
@@ -246,9 +225,16 @@ def parse_models(texts: Sequence[str], known: Sequence[str]) -> dict[str, Path]:
 def score_examples(method: str, model: str, title: str, examples: Examples) -> MethodScore:
     """Segment every frame with its own background. method, title: names of network and frames."""
     make = segmenter_maker(SegmentChoice(model))
-    pairs = zip(examples.frames, examples.backgrounds, strict=True)
-    masks = [_mask(make(background), frame) for frame, background in pairs]
-    return _scored(method, title, masks, [np.where(label > 127, 255, 0) for label in examples.labels])
+    dice, iou, sizes = [], [], []
+    for frame, background, label in zip(examples.frames, examples.backgrounds, examples.labels, strict=True):
+        mask, true = _mask(make(background), frame), np.where(label > 127, 255, 0)
+        found = agreement(mask, true)
+        dice.append(found.dice)
+        iou.append(found.iou)
+        if true.any():
+            sizes.append(np.sqrt(np.count_nonzero(mask) / np.count_nonzero(true)))
+    by_dice, by_iou = (MeanStd(float(np.mean(of)), float(np.std(of))) for of in (dice, iou))
+    return MethodScore(method, title, len(dice), by_dice, by_iou, float(np.median(sizes)) if sizes else None)
 
 
 def measure_times(models: Mapping[str, str], examples: Examples) -> list[MethodTime]:
@@ -297,18 +283,6 @@ def _cost_ms(work: Callable[[Any], object], of: Any) -> float:
 def _mask(segmenter: FrameSegmenter, frame: Image) -> Image:
     mask = segmenter.segment(frame).contact.mask
     return np.zeros(frame.shape[:2], np.uint8) if mask is None else mask
-
-
-def _scored(method: str, data: str, masks: Sequence[Image], labels: Sequence[Image]) -> MethodScore:
-    found = [agreement(mask, label) for mask, label in zip(masks, labels, strict=True)]
-    values = np.array([(one.dice, one.iou) for one in found]).T
-    dice, iou = (MeanStd(float(of.mean()), float(of.std())) for of in values)
-    sizes = [
-        np.sqrt(np.count_nonzero(mask) / np.count_nonzero(label))
-        for mask, label in zip(masks, labels, strict=True)
-        if label.any()
-    ]
-    return MethodScore(method, data, len(found), dice, iou, float(np.median(sizes)) if sizes else None)
 
 
 def _limits(scores: Sequence[MethodScore], times: Sequence[MethodTime]) -> list[Measured]:

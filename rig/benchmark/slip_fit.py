@@ -70,8 +70,6 @@ Known = tuple[float | None, float | None, float, float]  # angle and sigma, true
 
 @dataclass(frozen=True, slots=True)
 class FitOptions:
-    """Options of `rig fit-slip`."""
-
     folder: Path = argument(..., "Labelled clips, as of rig benchmark clips.")
     groups: Path | None = option(None, "CSV with columns clip,group, as of rig benchmark clips.")
     group: str | None = option(None, "Only the clips of this group. Default: all clips.")
@@ -138,9 +136,7 @@ def measure(options: FitOptions, run: Run) -> Report:
 
     Examples:
       rig fit-slip clips --groups halves.csv --group development --out fit --save slip.json
-
       rig fit-slip clips --only keyframes --minutes 20 --out fit --resume
-
     """
     began = time.monotonic()
     groups, only = shipped(), options.only or []

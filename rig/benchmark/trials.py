@@ -102,8 +102,6 @@ and the number of frames of phase B."""
 
 @dataclass(frozen=True, slots=True)
 class TrialsOptions:
-    """Options of `rig benchmark trials`."""
-
     model: list[str] | None = option(
         None,
         "NAME=FILE: a network of rig train (pspnet, deeplabv3plus, unetplusplus, ours) or rig "
@@ -126,13 +124,9 @@ def measure(options: TrialsOptions, run: Run) -> Report:
 
     Examples:
       rig benchmark trials --out trials
-
       rig benchmark trials --lifts 1 --object t3 --out quick --json
-
       rig benchmark trials --model unetplusplus=runs/unetplusplus_D_s3/model.onnx
-
       rig benchmark trials --out trials --model anglenet-on-test=runs/anglenet-on-test/model.onnx
-
     """
     models = parse_models(options.model or [], (*NETWORKS, OURS, *PEER_FILES))
     known = {"pspnet": "pspnet", OURS: OURS, **{name: str(file) for name, file in models.items()}}

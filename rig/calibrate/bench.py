@@ -12,10 +12,9 @@ from drivers.errors import CalibrationError, RecordingError
 from drivers.types import Frame, Image, Pose
 from protocols.capture_hand_eye import SPEED_M_S
 from protocols.capture_touch import Touch
-from protocols.home import home_plan
 from protocols.observer import LiftObserver, Phase
 from protocols.operator import Operator
-from protocols.steps import TRAVEL_SPEED_M_S, way_to
+from protocols.steps import TRAVEL_SPEED_M_S, home_plan, way_to
 from rig.bench.assembly import TABLE_M, TOOL_DOWN, home_pose
 from rig.bench.operators import ConsoleOperator
 from rig.bench.plan import Plan, PlannedMotion, make_plan

@@ -3,12 +3,10 @@
 On a bench the arm or a person shows the board in many poses; markers are seen at rest.
 """
 
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from calibration.camera.files import TERMS, camera_info
@@ -71,12 +69,13 @@ def camera_from_folder(
         )
     rejected = [*rejected, *fit.rejected]
     projected_px = projection_sigma_px(fit)
+    quality, numbers = _figures(fit, target, projected_px)
     return replace(
         read,
         assessment=assess_camera(fit),
         value=camera_info(fit.fit.camera, serial),
-        quality=_quality(fit, target, float(projected_px.max())),
-        numbers=_numbers(fit, projected_px),
+        quality=quality,
+        numbers=numbers,
         used=len(fit.fit.views),
         rejected=rejected,
         pictures=_pictures(fit, projected_px, folder),
@@ -84,43 +83,40 @@ def camera_from_folder(
     )
 
 
-def _quality(result: CameraFit, target: Target, projected_px: float) -> dict[str, object]:
-    spread_deg, largest_deg = board_tilts_deg(result)
-    return {
+def _figures(
+    result: CameraFit, target: Target, projected_px: figures.Array
+) -> tuple[dict[str, object], dict[str, str]]:
+    """Return quality and numbers of a camera. projected_px: see `projection_sigma_px`."""
+    fit, matrix, sigma = result.fit, result.fit.camera.matrix, result.sigma
+    worst_px, (spread_deg, largest_deg) = float(projected_px.max()), board_tilts_deg(result)
+    quality: dict[str, object] = {
         "target": target.spec,
-        "lens_model": result.fit.lens.name,
-        "terms": [TERMS[i] for i in result.fit.lens.free],
-        "sigma": result.sigma,
+        "lens_model": fit.lens.name,
+        "terms": [TERMS[i] for i in fit.lens.free],
+        "sigma": sigma,
         "covariance": result.covariance,
-        "fit_rms_px": result.fit.rms_px,
+        "fit_rms_px": fit.rms_px,
         "held_out_rms_px": result.held_out_px,
         "corner_noise_px": result.noise_px,
-        "projection_sigma_px": {"worst": projected_px},
+        "projection_sigma_px": {"worst": worst_px},
         "tilt_spread_deg": spread_deg,
         "largest_tilt_deg": largest_deg,
         "covered": covered(result),
         "view_rms_px": _view_rms_px(result),
     }
+    distortion = zip(TERMS[4:], fit.camera.distortion, strict=False)
+    return quality, {
+        "focal length": f"{matrix[0, 0]:.2f} ± {sigma[0]:.2f}, {matrix[1, 1]:.2f} ± {sigma[1]:.2f} px",
+        "principal point": f"{matrix[0, 2]:.2f} ± {sigma[2]:.2f}, {matrix[1, 2]:.2f} ± {sigma[3]:.2f} px",
+        "distortion": ", ".join(f"{name} {value:.5g}" for name, value in distortion),
+        "lens model": f"{fit.lens.name}, best of {', '.join(result.held_out_px)} on views held out",
+        "views held out are missed by": f"{result.held_out_rms_px:.3f} px (fitted: {fit.rms_px:.3f} px)",
+        "projection uncertain by": f"{np.median(projected_px):.2f} px (median), {worst_px:.2f} px at worst",
+    }
 
 
 def _view_rms_px(result: CameraFit) -> dict[str, float]:
     return {v.id: float(e) for v, e in zip(result.fit.views, result.fit.view_rms_px, strict=True)}
-
-
-def _numbers(result: CameraFit, projected_px: figures.Array) -> dict[str, str]:
-    matrix, sigma = result.fit.camera.matrix, result.sigma
-    return {
-        "focal length": f"{matrix[0, 0]:.2f} ± {sigma[0]:.2f}, {matrix[1, 1]:.2f} ± {sigma[1]:.2f} px",
-        "principal point": f"{matrix[0, 2]:.2f} ± {sigma[2]:.2f}, {matrix[1, 2]:.2f} ± {sigma[3]:.2f} px",
-        "distortion": ", ".join(
-            f"{name} {v:.5g}" for name, v in zip(TERMS[4:], result.fit.camera.distortion, strict=False)
-        ),
-        "lens model": f"{result.fit.lens.name}, best of {', '.join(result.held_out_px)} on views held out",
-        "views held out are missed by": f"{result.held_out_rms_px:.3f} px "
-        f"(fitted: {result.fit.rms_px:.3f} px)",
-        "projection uncertain by": f"{np.median(projected_px):.2f} px (median), "
-        f"{projected_px.max():.2f} px at worst",
-    }
 
 
 def _pictures(result: CameraFit, projected_px: figures.Array, folder: Path) -> list[Picture]:
@@ -144,44 +140,32 @@ def _pictures(result: CameraFit, projected_px: figures.Array, folder: Path) -> l
             "Residuals of the worst view",
             f"{shown.id}: each arrow points from a corner projected with the calibrated camera to the "
             "detected one.",
-            fitted[worst],
-            shown.image_px - fitted[worst],
-            size,
-            read_image(folder / shown.id, grey=True),
+            fitted[worst], shown.image_px - fitted[worst], size, read_image(folder / shown.id, grey=True),
         ),
         figures.residuals(
             "Residuals of all views",
             "Noise points anywhere; arrows that agree show a lens that the model does not follow.",
-            projected,
-            points - projected,
-            size,
+            projected, points - projected, size,
         ),
         figures.field(
             "Uncertainty over the picture",
-            "One sigma of where a distant point is projected, the best turn of "
-            "the camera taken out; dots: corners seen.",
-            projected_px,
-            size,
-            "one sigma, px",
-            points,
+            "One sigma of where a distant point is projected, the best turn of the camera taken out; dots: "
+            "corners seen.",
+            projected_px, size, "one sigma, px", points,
         ),
         figures.field(
             "Coverage", "Corners per cell of the picture.", coverage(fit.views), size, "corners", points
         ),
         figures.bars(
-            "Error per view",
-            "Rms residual of each view used. Dashed: three times the median.",
-            _view_rms_px(result),
-            "rms, px",
-            limit,
+            "Error per view", "Rms residual of each view used. Dashed: three times the median.",
+            _view_rms_px(result), "rms, px", limit,
         ),
         figures.bars(
             "Lens models",
             "Rms residual of views held out: the simplest model within 1 % of the best is taken.",
-            by_lens,
-            "rms, px",
+            by_lens, "rms, px",
         ),
-    ]
+    ]  # fmt: skip
 
 
 def markers_from_folder(
@@ -207,71 +191,43 @@ def markers_from_folder(
         numbers["pictures without an angle"] = ", ".join(reasons)
     places = np.arange(float(len(report.rest_deg)))
     mean = np.broadcast_to(plane.corners_px, report.corners_px.shape)
+    value = {
+        "dictionary": dictionary, "ids": ids, "side_px": plane.side_px, "tilt_deg": plane.tilt_deg,
+        "angle_sigma_deg": report.sigma_deg, "turn_sigma_deg": turn_sigma_deg,
+    }  # fmt: skip
+    quality = {
+        "square_fit_px": plane.fit_px, "drift_deg": report.drift_deg,
+        "turn_sigma_camera_deg": report.camera_sigma_deg, "refused_pictures": report.refused,
+    }  # fmt: skip
+    shown = [
+        figures.residuals(
+            "Corners at rest",
+            "Each arrow points from a corner's mean over the first half of the pictures to its place in one "
+            "of the others. Scattered arrows are noise; arrows that agree show a marker that moved.",
+            mean.reshape(-1, 2), (report.corners_px - mean).reshape(-1, 2), pictures[0].shape[::-1],
+            pictures[0],
+        ),
+        figures.curves(
+            "Angle at rest", "It should scatter around zero, without a trend.",
+            {"angle": (places, report.rest_deg)}, "picture", "angle, degrees",
+        ),
+    ]  # fmt: skip
     return CalibrationResult(
-        "markers",
-        {"camera": serial},
-        {
-            "dictionary": dictionary,
-            "ids": ids,
-            "side_px": plane.side_px,
-            "tilt_deg": plane.tilt_deg,
-            "angle_sigma_deg": report.sigma_deg,
-            "turn_sigma_deg": turn_sigma_deg,
-        },
-        report.assessment,
-        source=str(folder),
-        quality={
-            "square_fit_px": plane.fit_px,
-            "drift_deg": report.drift_deg,
-            "turn_sigma_camera_deg": report.camera_sigma_deg,
-            "refused_pictures": report.refused,
-        },
-        numbers=numbers,
-        used=len(files),
-        files=files,
-        pictures=[
-            figures.residuals(
-                "Corners at rest",
-                "Each arrow points from a corner's mean over the first half of the pictures to its place in "
-                "one of the others. Scattered arrows are noise; arrows that agree show a marker that moved.",
-                mean.reshape(-1, 2),
-                (report.corners_px - mean).reshape(-1, 2),
-                pictures[0].shape[::-1],
-                pictures[0],
-            ),
-            figures.curves(
-                "Angle at rest",
-                "It should scatter around zero, without a trend.",
-                {"angle": (places, report.rest_deg)},
-                "picture",
-                "angle, degrees",
-            ),
-        ],
-    )
+        "markers", {"camera": serial}, value, report.assessment, source=str(folder), quality=quality,
+        numbers=numbers, used=len(files), files=files, pictures=shown,
+    )  # fmt: skip
 
 
 def collect_camera(station: Station, target: Target, count: int) -> CalibrationResult:
     """Show the board, firm on the tool, to the camera from `count` poses, and fit the camera.
 
-    Where no arm can be moved, a person holds the board in `count` places. Raises `OperatorStopError` unless
-    the operator agrees to the motion or holds the board, `DeviceError`, `InputError`.
+    Where no arm can be moved, a person holds the board in `count` places, which they choose; the poses are
+    for a simulated person. Raises `OperatorStopError` unless the operator agrees to the motion or holds the
+    board, `DeviceError`, `InputError`.
     """
-    config = station.config
+    config, spec = station.config, target.spec
     raw = station.raw("camera")
-    # the tool poses that constrain the camera best, with the board on the tool, facing the camera
-    base_T_camera, outline = config.base_T_camera(), _outline_m(target)  # noqa: N806 - frame names
-    turn = TOOL_DOWN.inv() * base_T_camera.rotation
-    held = Pose.from_rotation(np.subtract(_HELD_M, turn.apply(outline.mean(axis=0))), turn)
-    candidates = _candidates(config, np.random.default_rng((station.seed, 33)))
-    placed = [base_T_camera.inverse() @ pose @ held for pose in candidates]
-    poses = [candidates[i] for i in most_telling(config.camera_model(), outline, placed, count)]
-    if not config.moves:
-        poses = [poses[i % len(poses)] if poses else Pose((0.0, 0.0, 0.0)) for i in range(count)]
-    if len(poses) < FEWEST_VIEWS:
-        raise InputError(
-            f"the workspace of [arm.limits] holds {len(poses)} places where the whole of {target.spec} "
-            "is in the picture: see position_m and look_at_m of [camera], or take a smaller board"
-        )
+    poses = _board_poses(config, target, count, station.seed)
     left = [(f"{i:03d}", pose) for i, pose in enumerate(poses, start=1)]
     kept: list[str] = []
 
@@ -282,55 +238,44 @@ def collect_camera(station: Station, target: Target, count: int) -> CalibrationR
         kept.append(capture.id)
         station.note(f"{capture.id}: kept", len(kept), len(poses))
 
-    (_show_on_tool if config.moves else _show_by_hand)(station, target, left, keep)
+    if config.moves:
+        with station.connected(
+            f"The arm will visit {len(poses)} poses before the camera at up to {SPEED_M_S} m/s, tilted by up "
+            f"to {_TILTS_DEG[1]:g} degrees, with the board {spec} on the tool.",
+            motions=visits(left),
+        ) as (bench, operator):
+            agree_to_carry(bench, operator)
+            operator.place(f"{spec}@tool", f"board {spec}, firm on the tool, facing the camera")
+            capture_hand_eye(bench, lambda: left.pop(0) if left else None, keep, station.left_out)
+    else:
+        with station.connected(
+            f"Nothing moves. You hold the board {spec} before the camera, {len(poses)} times."
+        ) as (bench, operator):
+            for name, pose in left:
+                operator.hold(
+                    f"{name} of {len(poses)}: hold the board {spec} still, all of it in the picture, each "
+                    "time elsewhere in the picture and tilted another way by 10 to 40 degrees. Is it still?",
+                    f"{spec}@tool",
+                    pose,
+                    None,
+                )
+                keep(HandEyeCapture(name, pose, capture_still(bench, bench.camera, 1)[0]))
     result = camera_from_folder(raw, "*.png", target, config.camera.serial, keep_all=False)
     return result.marked(config.gives_simulated(config.camera.serial))
 
 
-def _show_by_hand(
-    station: Station, target: Target, left: list[tuple[str, Pose]], keep: Callable[[HandEyeCapture], None]
-) -> None:
-    """Have a person hold the board before the camera, once for each pose.
+def _board_poses(config: BenchConfig, target: Target, count: int, seed: int) -> list[Pose]:
+    """Return the tool poses that constrain the camera best, with the board on the tool, facing the camera.
 
-    They choose where; the poses are for a simulated person.
+    They are chosen among poses drawn all over the picture, from near to where the camera looks, inside the
+    workspace. Raises `InputError` if too few of them show the whole board.
     """
-    with station.connected(
-        f"Nothing moves. You hold the board {target.spec} before the camera, {len(left)} times."
-    ) as (bench, operator):
-        for name, pose in left:
-            operator.hold(
-                f"{name} of {len(left)}: hold the board {target.spec} still, all of it in the picture, each "
-                "time elsewhere in the picture and tilted another way by 10 to 40 degrees. Is it still?",
-                f"{target.spec}@tool",
-                pose,
-                None,
-            )
-            keep(HandEyeCapture(name, pose, capture_still(bench, bench.camera, 1)[0]))
-
-
-def _show_on_tool(
-    station: Station, target: Target, left: list[tuple[str, Pose]], keep: Callable[[HandEyeCapture], None]
-) -> None:
-    """Have the arm show the board, firm on the tool, from each pose; `left` is empty afterwards."""
-    count = len(left)
-    with station.connected(
-        f"The arm will visit {count} poses before the camera at up to {SPEED_M_S} m/s, tilted by up to "
-        f"{_TILTS_DEG[1]:g} degrees, with the board {target.spec} on the tool.",
-        motions=visits(left),
-    ) as (bench, operator):
-        agree_to_carry(bench, operator)
-        operator.place(f"{target.spec}@tool", f"board {target.spec}, firm on the tool, facing the camera")
-        capture_hand_eye(bench, lambda: left.pop(0) if left else None, keep, station.left_out)
-
-
-def _candidates(config: BenchConfig, rng: np.random.Generator) -> list[Pose]:
-    """Draw poses all over the picture, from near to where the camera looks, inside the workspace."""
     limits = config.arm.limits if config.has("arm") else ArmLimitsConfig()
     low, high = np.array(limits.workspace_min_m), np.array(limits.workspace_max_m)
-    base_T_camera = config.base_T_camera()  # noqa: N806
+    base_T_camera, rng = config.base_T_camera(), np.random.default_rng((seed, 33))  # noqa: N806 - frame names
     half = np.divide(config.camera.size_px, 2.0 * config.camera.focal_px)
     farthest_m = config.object_distance_m()
-    poses = []
+    candidates = []
     for _ in range(_CANDIDATES):
         away_m = rng.uniform(min(_NEAREST_M, farthest_m), farthest_m)
         place = base_T_camera.rotation.apply(away_m * np.append(half * rng.uniform(-1, 1, 2), 1.0))
@@ -339,17 +284,25 @@ def _candidates(config: BenchConfig, rng: np.random.Generator) -> list[Pose]:
         turned = turn * TOOL_DOWN
         tool = place + base_T_camera.position_m - turned.apply(_HELD_M)
         if (tool > low + _INSIDE_M).all() and (tool < high - _INSIDE_M).all():
-            poses.append(Pose.from_rotation(tool, turned))
-    return poses
-
-
-def _outline_m(target: Target) -> NDArray[np.float64]:
-    """Return points all over a target's print, (30, 3) m in its axes."""
+            candidates.append(Pose.from_rotation(tool, turned))
+    # points all over the print, (30, 3) m in its axes
     sheet = target_picture(target.spec)
     height, width = np.array(sheet.grey.shape[:2]) / sheet.px_per_m
     x, y = np.meshgrid(np.linspace(0, width, 6), np.linspace(0, height, 5))
-    points = np.column_stack([x.ravel(), y.ravel(), np.zeros(30)])
-    return points + np.append(np.asarray(sheet.origin_m, float)[:2], 0.0)
+    outline = np.column_stack([x.ravel(), y.ravel(), np.zeros(30)])
+    outline += np.append(np.asarray(sheet.origin_m, float)[:2], 0.0)
+    facing = TOOL_DOWN.inv() * base_T_camera.rotation
+    held = Pose.from_rotation(np.subtract(_HELD_M, facing.apply(outline.mean(axis=0))), facing)
+    placed = [base_T_camera.inverse() @ pose @ held for pose in candidates]
+    poses = [candidates[i] for i in most_telling(config.camera_model(), outline, placed, count)]
+    if not config.moves:
+        poses = [poses[i % len(poses)] if poses else Pose((0.0, 0.0, 0.0)) for i in range(count)]
+    if len(poses) < FEWEST_VIEWS:
+        raise InputError(
+            f"the workspace of [arm.limits] holds {len(poses)} places where the whole of {target.spec} "
+            "is in the picture: see position_m and look_at_m of [camera], or take a smaller board"
+        )
+    return poses
 
 
 def collect_markers(station: Station, object_name: str) -> CalibrationResult:

@@ -11,7 +11,6 @@ import cv2
 import numpy as np
 from jinja2.utils import htmlsafe_json_dumps
 from markupsafe import Markup
-from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
@@ -86,7 +85,7 @@ def field(
         if points is not None:
             axes.plot(points[:, 0], points[:, 1], ".", color="white", markersize=1.5, alpha=0.6)
         axes.grid(False)
-        _over_picture(axes, (0, size[0], size[1], 0))
+        axes.set(xlim=(0, size[0]), ylim=(size[1], 0), xlabel="x, px", ylabel="y, px")
         return Picture(title, caption, svg(figure, f"over the picture: {label}"))
 
 
@@ -120,7 +119,7 @@ def residuals(
             color=ESTIMATE.light if picture is None else _ON_PICTURE,
         )  # fmt: skip
         axes.set_aspect("equal")
-        _over_picture(axes, extent)
+        axes.set(xlim=(left, right), ylim=(bottom, top), xlabel="x, px", ylabel="y, px")
         axes.set_title(f"residuals (enlarged {scale:.0f} times)")
         return Picture(title, caption, svg(figure, "arrows: residuals"))
 
@@ -221,10 +220,6 @@ def _floor_lines(low: Array, high: Array, step: float) -> list[Array]:
             ends[:, axis], ends[1, other] = value, high[other]
             lines.append(ends)
     return lines
-
-
-def _over_picture(axes: Axes, extent: tuple[int, int, int, int]) -> None:
-    axes.set(xlim=extent[:2], ylim=extent[2:], xlabel="x, px", ylabel="y, px")
 
 
 def thumbnail(picture: Image, marks: Sequence[Array] = ()) -> bytes:

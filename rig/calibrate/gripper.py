@@ -24,7 +24,7 @@ from calibration.verdict import Assessment, Rejected
 from drivers.errors import InputError, counted
 from drivers.formats import number_in, read_csv_rows
 from drivers.types import Pose, Vector3
-from protocols.capture_pivot import FIRST_ABOVE_M, SPEED_M_S, PivotCapture, capture_pivot
+from protocols.capture_pivot import FIRST_ABOVE_M, SPEED_M_S, capture_pivot
 from protocols.capture_touch import Touch, capture_openings
 from protocols.readiness import agree_to_carry
 from rig.bench.assembly import TOOL_DOWN
@@ -58,12 +58,11 @@ def gripper_from_folder(folder: Path, serial: str, step_m: float = STEP_M) -> Ca
         counts, opening_m = number_in(row, "counts", where), number_in(row, "opening_mm", where) / 1e3
         samples.append(OpeningSample(f"line {line}", counts, opening_m, Direction(way)))
     result = calibrate_opening(samples, step_m)
-    numbers, curves = {}, {}
-    for way, table in result.tables.items():
-        counts, opening_mm = table.counts, 1e3 * table.opening_m
-        curves[str(way)] = counts, opening_mm
-        ends_mm = f"{opening_mm[-1]:.1f} to {opening_mm[0]:.1f} mm"
-        numbers[str(way)] = f"{counts[0]:g} to {counts[-1]:g} counts, {ends_mm}"
+    curves = {str(way): (counts, 1e3 * opening_m) for way, (counts, opening_m) in result.tables.items()}
+    numbers = {
+        way: f"{counts[0]:g} to {counts[-1]:g} counts, {opening_mm[-1]:.1f} to {opening_mm[0]:.1f} mm"
+        for way, (counts, opening_mm) in curves.items()
+    }
     if result.hysteresis_m is not None:
         numbers["hysteresis"] = f"{1e3 * result.hysteresis_m:.2f} mm"
     text = (
@@ -73,7 +72,7 @@ def gripper_from_folder(folder: Path, serial: str, step_m: float = STEP_M) -> Ca
     used = result.tables.get(Direction.CLOSING)
     return CalibrationResult(
         "gripper", {"gripper": serial},
-        {"closing": {"counts": used.counts, "opening_m": used.opening_m}} if used else {}, result.assessment,
+        {"closing": dict(zip(("counts", "opening_m"), used, strict=True))} if used else {}, result.assessment,
         quality={} if result.hysteresis_m is None else {"hysteresis_m": result.hysteresis_m},
         source=str(folder), numbers=numbers, used=len(samples) - len(result.rejected),
         rejected=result.rejected, files=[path],
@@ -214,9 +213,9 @@ def collect_tip(station: Station, count: int, accept_change: bool = False) -> Ca
     raw = station.raw("tcp")
     seated: list[tuple[str, Pose]] = []
 
-    def keep(capture: PivotCapture) -> Vector3 | None:
-        seated.append((capture.id, capture.base_T_tcp))
-        station.note(f"{capture.id}: seated, {len(seated)} of {count}", len(seated), count)
+    def keep(name: str, base_T_tcp: Pose) -> Vector3 | None:  # noqa: N803
+        seated.append((name, base_T_tcp))
+        station.note(f"{name}: seated, {len(seated)} of {count}", len(seated), count)
         found = calibrate_pivot(seated).tip_m if len(seated) >= FEWEST else None
         if found is None:
             return None

@@ -3,13 +3,12 @@
 On a bench poses are chosen and visited, the samples are stored as files, and then solved.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from calibration.camera.files import read_camera
@@ -93,8 +92,7 @@ def _from_poses(folder: Path, serial: str, setup: Setup) -> CalibrationResult:
     found = calibrate_pose_pairs(
         [PoseSample(name, robot[name], seen[name]) for name in robot if name in seen], setup
     )
-    quality, numbers = _pair_figures(found)
-    return _filed(found, serial, folder, rejected, robot, quality, numbers, files, [])
+    return _filed(found, serial, folder, rejected, robot, files)
 
 
 def _solved(
@@ -107,20 +105,17 @@ def _solved(
     pictures = picture_files(folder)
     by_id = {path.stem: path for path in pictures}
     shown = _pictures(found, [sample.view for sample in samples], camera, by_id)
-    files = [*pictures, folder / "poses.csv"]
-    return _filed(
-        found, serial, folder, rejected, robot, _quality(found, target), _numbers(found), files, shown
-    )
+    return _filed(found, serial, folder, rejected, robot, [*pictures, folder / "poses.csv"], target, shown)
 
 
 def _filed(
     found: HandEyeResult, serial: str, folder: Path, rejected: Sequence[Rejected], robot: Mapping[str, Pose],
-    quality: Mapping[str, object], numbers: Mapping[str, str], files: Sequence[Path],
-    pictures: Sequence[Picture],
+    files: Sequence[Path], seen: Target | None = None, pictures: Sequence[Picture] = (),
 ) -> CalibrationResult:  # fmt: skip
-    """Return the calibration with all poses in 3D. robot: base_T_tcp by sample."""
+    """Return the calibration with all poses in 3D. robot: base_T_tcp by sample. seen: as in `_figures`."""
     setup, pose, target = found.setup, found.pose, found.target
     value: dict[str, object] = {}
+    quality, numbers = _figures(found, seen)
     if pose is not None and target is not None:
         parent, child, holder = FRAMES[setup]
         value = {"setup": str(setup), **_transform(parent, child, pose)}
@@ -150,75 +145,55 @@ def _transform(parent: str, child: str, pose: Pose) -> dict[str, object]:
     }
 
 
-def _quality(result: HandEyeResult, target: Target) -> dict[str, object]:
-    quality: dict[str, object] = {"target": target.spec}
-    if result.motion is not None:
+def _figures(result: HandEyeResult, seen: Target | None) -> tuple[dict[str, object], dict[str, str]]:
+    """Return quality and numbers of an answer. seen: the target in the pictures; None for pairs of poses."""
+    motion, (parent, child, _) = result.motion, FRAMES[result.setup]
+    quality: dict[str, object] = {} if seen is None else {"target": seen.spec}
+    if motion is not None and seen is not None:
         quality["observability"] = {
-            "max_angle_deg": result.motion.max_angle_deg,
-            "translation_ratio": result.motion.translation_ratio,
-            "rotation_gap": result.motion.rotation_gap,
+            "max_angle_deg": motion.max_angle_deg,
+            "translation_ratio": motion.translation_ratio,
+            "rotation_gap": motion.rotation_gap,
         }
-    if result.spread is not None:
-        quality |= {
-            "covariance_order": _ORDER,
-            "covariance": result.spread.covariance,
-            "covariance_from_camera": result.spread.camera,
-            "rms_px": result.rms_px,
-            "held_out_rms_px": result.spread.held_out_rms_px,
-        }
-    return quality
-
-
-def _numbers(result: HandEyeResult) -> dict[str, str]:
-    if result.pose is None or result.spread is None or result.motion is None:
-        return {}
-    parent, child, _ = FRAMES[result.setup]
-    spread = result.spread
-    mm, deg = 1e3 * spread.sigma_m, np.degrees(spread.sigma_rad)
-    camera_mm, camera_deg = 1e3 * spread.camera_sigma_m, np.degrees(spread.camera_sigma_rad)
-    return {
-        **_pose_numbers(result.pose, f"{parent}_T_{child}, position"),
-        "one sigma of the position": f"{_axes(mm, 2)} mm",
-        "one sigma of the orientation": f"{_axes(deg, 3)} degrees",
-        "of that from the camera": f"{np.linalg.norm(camera_mm):.2f} mm, "
-        f"{np.linalg.norm(camera_deg):.3f} degrees",
-        "samples used are missed by": f"{result.rms_px:.2f} px, left out by {spread.held_out_rms_px:.2f} px",
-        "rotation of the poses": f"{result.motion.max_angle_deg:.0f} degrees (limit {LEAST_TURN_DEG:g}), "
-        f"about different axes {result.motion.translation_ratio:.2f} (limit {LEAST_RATIO:g}), "
-        f"gap {result.motion.rotation_gap:.2g} (limit {LEAST_GAP:g})",
-    }
-
-
-def _pair_figures(result: HandEyeResult) -> tuple[dict[str, object], dict[str, str]]:
-    """Return quality and numbers of an answer from pairs of poses; nothing without one."""
-    if result.pose is None or result.covariance is None or result.sigmas is None:
-        return {}, {}
-    quality = {
-        "covariance_order": _ORDER,
-        "covariance": result.covariance,
-        "noise_found": dict(zip(_NOISE, result.sigmas.tolist(), strict=True)),
-    }
+    if result.pose is None or result.covariance is None:
+        return quality, {}
+    quality |= {"covariance_order": _ORDER, "covariance": result.covariance}
     sigma = np.sqrt(np.diag(result.covariance))
-    robot, seen = result.sigmas[:2], result.sigmas[2:]
-    return quality, {
-        **_pose_numbers(result.pose, "position"),
+    numbers = {
+        "position" if seen is None else f"{parent}_T_{child}, position": (
+            f"{_axes(result.pose.position_m, 5)} m"
+        ),
+        "orientation, quaternion x, y, z, w": ", ".join(f"{v:.6f}" for v in result.pose.quaternion_xyzw),
         "one sigma of the position": f"{_axes(1e3 * sigma[3:], 2)} mm",
         "one sigma of the orientation": f"{_axes(np.degrees(sigma[:3]), 3)} degrees",
-        "noise found, robot": f"{np.degrees(robot[0]):.3f} degrees, {1e3 * robot[1]:.2f} mm",
-        "noise found, target's pose": f"tilt {np.degrees(seen[0]):.3f}, turn {np.degrees(seen[1]):.3f} "
-        f"degrees, across {1e3 * seen[2]:.2f}, depth {1e3 * seen[3]:.2f} mm",
     }
+    if result.sigmas is not None:
+        turn, move, tilt, about, across, depth = result.sigmas
+        quality["noise_found"] = dict(zip(_NOISE, result.sigmas.tolist(), strict=True))
+        numbers["noise found, robot"] = f"{np.degrees(turn):.3f} degrees, {1e3 * move:.2f} mm"
+        numbers["noise found, target's pose"] = (
+            f"tilt {np.degrees(tilt):.3f}, turn {np.degrees(about):.3f} degrees, across {1e3 * across:.2f}, "
+            f"depth {1e3 * depth:.2f} mm"
+        )
+    if result.held_out_px is not None and result.from_camera is not None and result.refined and motion:
+        rms_px, held_out_px = result.refined.rms_px, float(np.sqrt((result.held_out_px**2).mean()))
+        quality |= {
+            "covariance_from_camera": result.from_camera, "rms_px": rms_px, "held_out_rms_px": held_out_px
+        }  # fmt: skip
+        part = np.sqrt(np.diag(result.from_camera))
+        numbers |= {
+            "of that from the camera": f"{np.linalg.norm(1e3 * part[3:]):.2f} mm, "
+            f"{np.linalg.norm(np.degrees(part[:3])):.3f} degrees",
+            "samples used are missed by": f"{rms_px:.2f} px, left out by {held_out_px:.2f} px",
+            "rotation of the poses": f"{motion.max_angle_deg:.0f} degrees (limit {LEAST_TURN_DEG:g}), "
+            f"about different axes {motion.translation_ratio:.2f} (limit {LEAST_RATIO:g}), "
+            f"gap {motion.rotation_gap:.2g} (limit {LEAST_GAP:g})",
+        }
+    return quality, numbers
 
 
-def _axes(values: NDArray[np.floating], digits: int) -> str:
+def _axes(values: Iterable[float], digits: int) -> str:
     return ", ".join(f"{axis} {value:.{digits}f}" for axis, value in zip("xyz", values, strict=True))
-
-
-def _pose_numbers(pose: Pose, name: str) -> dict[str, str]:
-    return {
-        name: ", ".join(f"{axis} {v:.5f}" for axis, v in zip("xyz", pose.position_m, strict=True)) + " m",
-        "orientation, quaternion x, y, z, w": ", ".join(f"{v:.6f}" for v in pose.quaternion_xyzw),
-    }
 
 
 def _pictures(
@@ -246,8 +221,8 @@ def _pictures(
         limit = 3.0 * float(np.median(list(result.sample_px.values())))
         text = "Rms residual of each sample. Dashed: three times the median."
         pictures.append(figures.bars("Error per sample", text, result.sample_px, "rms, px", limit))
-    if result.spread is not None:
-        held = dict(zip(result.used, result.spread.held_out_px.tolist(), strict=True))
+    if result.held_out_px is not None:
+        held = dict(zip(result.used, result.held_out_px.tolist(), strict=True))
         text = "Rms residual of each sample for the answer from all others."
         pictures.append(figures.bars("Error of samples left out", text, held, "rms, px"))
     if views and result.motion is not None:
@@ -341,7 +316,7 @@ class _Session:
         if len(self.samples) >= FIRST_POSES:
             result = calibrate_hand_eye(self.samples, self._camera, self._setup)
             best = None if result.pose is None else next_pose(result, self._camera, self._left)
-            choice = 0 if best is None else best.index
+            choice = 0 if best is None else best[1]
         return f"{self._visited:03d}", self._left.pop(choice)
 
     def keep(self, capture: HandEyeCapture) -> None:

@@ -42,13 +42,18 @@ class Kind:
 
 def compare_files(one: Path, other: Path) -> dict[str, float | str | None]:
     """Compare two files of one kind. Raises `CalibrationError` for different or unknown kinds."""
-    contents = [read_yaml(path) for path in (one, other)]
-    kinds = [_kind(content, path) for content, path in zip(contents, (one, other), strict=True)]
+    contents, kinds = [], []
+    for path in (one, other):
+        contents.append(read_yaml(path))
+        about = contents[-1].get("calibration")
+        if not isinstance(about, Mapping):  # a camera file of another program
+            camera_from(contents[-1], str(path))
+        kinds.append(str(about.get("kind")) if isinstance(about, Mapping) else "camera")
     if kinds[0] != kinds[1]:
         raise CalibrationError(
             f"{one} is a calibration of {kinds[0]}, {other} of {kinds[1]}: nothing to compare"
         )
-    if kinds[0] == "camera":  # also files of other programs; refused calibrations are rejected
+    if kinds[0] == "camera":
         return {"kind": "camera", **_cameras(one, other)}
     kind = KINDS.get(kinds[0])
     if kind is None or kind.compare is None:
@@ -59,15 +64,8 @@ def compare_files(one: Path, other: Path) -> dict[str, float | str | None]:
         raise CalibrationError(f"{one} or {other}: damaged ({error!r})") from error
 
 
-def _kind(content: Content, path: Path) -> str:
-    about = content.get("calibration")
-    if isinstance(about, Mapping):
-        return str(about.get("kind"))
-    camera_from(content, str(path))
-    return "camera"
-
-
 def _cameras(one: Path, other: Path) -> Figures:
+    """Compare cameras, also those of other programs. Raises `CalibrationError` for a refused calibration."""
     lengths = np.linalg.norm(camera_difference_px(read_camera(one), read_camera(other)), axis=-1)
     rows, columns = lengths.shape
     middle = lengths[rows // 3 : -rows // 3, columns // 3 : -columns // 3]
@@ -90,7 +88,7 @@ def _hand_eye(one: Content, other: Content) -> Figures:
     apart = x.rotation.apply(corners) + x.position_m - (y.rotation.apply(corners) + y.position_m)
     return {
         "turn_deg": round(float(np.degrees((x.rotation.inv() * y.rotation).magnitude())), 4),
-        "move_mm": round(1e3 * float(np.linalg.norm(np.subtract(x.position_m, y.position_m))), 3),
+        "move_mm": _move_mm(one, other),
         "worst_in_workspace_mm": round(1e3 * float(np.linalg.norm(apart, axis=1).max()), 3),
     }
 
@@ -105,13 +103,9 @@ def _gripper(one: Content, other: Content) -> Figures:
     return {"closing_worst_mm": round(1e3 * float(np.abs(gaps).max()), 3) if len(at) else None}
 
 
-def _tip(one: Content, other: Content) -> Figures:
+def _move_mm(one: Content, other: Content) -> float:
     apart = np.subtract(one["translation_m"], other["translation_m"])
-    return {"move_mm": round(1e3 * float(np.linalg.norm(apart)), 3)}
-
-
-def _sync(one: Content, other: Content) -> Figures:
-    return {"offset_ms": round(1e3 * (other["add_to_stream_s"] - one["add_to_stream_s"]), 4)}
+    return round(1e3 * float(np.linalg.norm(apart)), 3)
 
 
 KINDS = {
@@ -120,7 +114,11 @@ KINDS = {
     "markers": Kind(markers_from_folder, collect_markers),
     "tactile": Kind(tactile_from_folder, collect_tactile),
     "gripper": Kind(gripper_from_folder, collect_openings, _gripper),
-    "tcp": Kind(tip_from_folder, collect_tip, _tip),
-    "sync": Kind(sync_from_folder, collect_streams, _sync),
+    "tcp": Kind(tip_from_folder, collect_tip, lambda *files: {"move_mm": _move_mm(*files)}),
+    "sync": Kind(
+        sync_from_folder,
+        collect_streams,
+        lambda one, other: {"offset_ms": round(1e3 * (other["add_to_stream_s"] - one["add_to_stream_s"]), 4)},
+    ),
 }
 """The kinds by their name in files and commands."""

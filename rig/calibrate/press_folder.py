@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from calibration.gel.balls import BALLS_MM, BallPress, find_press
+from calibration.gel.balls import BALLS_MM, Press, find_press
 from calibration.gel.look_fit import Circle, Pressed
 from calibration.targets.boards import SAME_VIEW_PX
 from calibration.verdict import Rejected, length_guess
@@ -35,7 +35,7 @@ class PressFolder:
     folder: Path
     background: Image
     untouched: list[Image] = field(default_factory=list)
-    found: list[BallPress] = field(default_factory=list)
+    found: list[Press] = field(default_factory=list)
     pressed: list[Pressed] = field(default_factory=list)
     rejected: list[Rejected] = field(default_factory=list)
     moves_mm: dict[str, tuple[float, float]] = field(default_factory=dict)
@@ -76,7 +76,7 @@ def read_press_folder(
         presses.files.append(pictures / name)
         rest = read_image(own_background) if own_background else presses.background
         image = read_image(pictures / name)
-        found = find_press(image, rest.astype(np.float32), name)
+        found = find_press(image, rest.astype(np.float32), name, diameter_mm / 2.0)
         circle = by_hand.get(_key(Path(name).stem))
         if circle is None and not isinstance(found, str):
             circle = *found.centre_px, found.rim_px
@@ -96,7 +96,7 @@ def read_press_folder(
         if isinstance(found, str):
             presses.rejected.append(Rejected(name, found))
         else:
-            presses.found.append(BallPress(found, diameter_mm / 2.0))
+            presses.found.append(found)
             if move_mm is not None:
                 presses.moves_mm[name] = move_mm
         if circle is not None:

@@ -48,12 +48,25 @@ class CalibrationResult(CalibrationFile):
 def file_result(result: CalibrationResult, folder: Path) -> dict[str, Any]:
     """Write file and page into a folder; return the figures for `--json`, with the paths "file" and "page".
 
-    Raises `CalibrationError` for a refused calibration, after writing both.
+    Both state the time, the hash of the samples and the versions of the software. Raises `CalibrationError`
+    for a refused calibration, after writing both.
     """
     part = [result.part] if result.part else []
     stem = "-".join([result.kind, *part, *result.serials.values()])
     path, page = folder / f"{stem}.yaml", folder / f"{stem}.html"
-    result, verdict = _dated(result), result.assessment.verdict
+    digest = sha256()
+    for sample in sorted(result.files):
+        digest.update(sample.name.encode())
+        digest.update(sample.read_bytes())
+    inputs = {"source": result.source, "used": result.used, "sha256": digest.hexdigest()}
+    software = {name: version(name) for name in ("opencv-contrib-python-headless", "numpy")}
+    result = replace(
+        result,
+        created=datetime.now(UTC).isoformat(timespec="seconds"),
+        inputs=inputs | ({"simulated": True} if result.simulated else {}),
+        software={"visuotactile-slip-rig": VERSION} | software,
+    )
+    verdict = result.assessment.verdict
     save(result, path)
     write_bytes(page, _page(result).encode())
     if verdict is Verdict.REFUSED:
@@ -105,20 +118,4 @@ def _page(result: CalibrationResult) -> str:
         rotates=any('class="poses"' in picture.svg for picture in result.pictures),
         created=f"{result.created[:16].replace('T', ' ')} UTC",
         software=", ".join(f"{name} {number}" for name, number in result.software.items()),
-    )
-
-
-def _dated(result: CalibrationResult) -> CalibrationResult:
-    """Return a result with the time, the hash of its samples and the versions of the software."""
-    digest = sha256()
-    for path in sorted(result.files):
-        digest.update(path.name.encode())
-        digest.update(path.read_bytes())
-    inputs = {"source": result.source, "used": result.used, "sha256": digest.hexdigest()}
-    software = {name: version(name) for name in ("opencv-contrib-python-headless", "numpy")}
-    return replace(
-        result,
-        created=datetime.now(UTC).isoformat(timespec="seconds"),
-        inputs=inputs | ({"simulated": True} if result.simulated else {}),
-        software={"visuotactile-slip-rig": VERSION} | software,
     )

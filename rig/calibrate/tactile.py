@@ -3,7 +3,7 @@
 On a bench the fingers press balls of known diameter, or the fingertips take frames without contact.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,7 +14,7 @@ from calibration.gel.balls import NULL_REFUSED, BallFit, GelScale, calibrate_gel
 from calibration.gel.look import visibility
 from calibration.gel.look_fit import LookFit, fit_look
 from calibration.gel.reference import SATURATED, Reference, assess_reference, drift_since, make_reference
-from calibration.verdict import Assessment, length_guess, limit
+from calibration.verdict import Assessment, length_guess, limits
 from drivers.errors import CalibrationError, InputError
 from drivers.images import load_image
 from drivers.types import Image
@@ -70,11 +70,11 @@ def tactile_from_folder(
         ),
     )  # fmt: skip
     try:
-        moved = [] if mm_per_px else [p for p in presses.found if p.press.id in presses.moves_mm]
+        moved = [] if mm_per_px else [p for p in presses.found if p.id in presses.moves_mm]
         scale = None
         if moved:
-            moves = np.array([presses.moves_mm[p.press.id] for p in moved])
-            centres = np.array([rim_centre(p.press) for p in moved])
+            moves = np.array([presses.moves_mm[p.id] for p in moved])
+            centres = np.array([rim_centre(p) for p in moved])
             scale = fit_scale(moves, centres, np.array([p.radius_mm for p in moved]))
         used = mm_per_px or (scale.mm_per_px if scale else NOMINAL_MM_PER_PX)
         across, along = (float(v) for v in used)
@@ -121,12 +121,13 @@ def tactile_from_folder(
         "held_out_grey": {p.id: round(p.rms_grey, 2) for p in look.held_out},
         "error_share": round(look.error_share, 3),
     }
+    quality, numbers = _figures(fit, (across, along), scale, look)
     return replace(
         result,
         assessment=assessment,
         value=value | {"look": f"tactile-{serial}.npz"},
-        quality=_quality(fit, scale, look),
-        numbers=_numbers(fit, (across, along), scale, look),
+        quality=quality,
+        numbers=numbers,
         used=len(fit.true_mm),
         rejected=[*presses.rejected, *fit.rejected],
         pictures=_pictures(fit, presses, scale),
@@ -149,9 +150,9 @@ def _require_gel(background: Image, mm_per_px: tuple[float, float]) -> None:
 
 def _assess_look(fit: LookFit) -> Assessment:
     """Assess the look by held-out colour errors and by the fields without a press."""
-    assessment = limit(
-        100.0 * fit.error_share, 60.0, 90.0,
-        "presses left out are rendered with {value:.0f} % of their colour change wrong: press more places",
+    assessment = limits(
+        (100.0 * fit.error_share, 60.0, 90.0,
+         "presses left out are rendered with {value:.0f} % of their colour change wrong: press more places"),
     )  # fmt: skip
     bare = unpressed_fields([press.circle for press in fit.presses], fit.look.shape)
     if bare:
@@ -188,61 +189,57 @@ def _dark_or_saturated(fit: BallFit, background: Image) -> Assessment:
     return Assessment(doubts=(text,) if lost else ())
 
 
-def _quality(fit: BallFit, scale: GelScale | None, look: LookFit) -> dict[str, object]:
+def _figures(
+    fit: BallFit, mm_per_px: tuple[float, float], scale: GelScale | None, look_fit: LookFit
+) -> tuple[dict[str, object], dict[str, str]]:
+    """Return quality and numbers of a gel."""
+    look, held_out, errors = look_fit.look, look_fit.held_out, fit.radius_error()
     quality: dict[str, object] = {
         "normal_rms_held_out": fit.normal_rms,
         "null_rms": fit.null_rms,
         "held_out_radius_mm": fit.held_out_mm,
-        "radius_error": {f"{r:g} mm": e for r, e in fit.radius_error().items()},
+        "radius_error": {f"{radius:g} mm": error for radius, error in errors.items()},
     }
+    across, along = mm_per_px
+    numbers = {"scale along x, y": f"{across:.5f}, {along:.5f} mm per px"}
     if scale is not None:
         quality |= {
             "mm_per_px_sigma": scale.sigma,
             "pixel_aspect_sigma": scale.aspect_sigma,
             "moves_missed_px": scale.residual_px,
         }
-    return quality | {
-        "look_error_share": look.error_share,
-        "look_held_out_grey": {p.id: p.rms_grey for p in look.held_out},
-        "look_held_out_adjusted_grey": {p.id: p.adjusted_grey for p in look.held_out},
-        "colour_change_grey": {p.id: p.change_grey for p in look.held_out},
-        "noise_grey": look.look.noise.sigma_grey,
-    }
-
-
-def _numbers(
-    fit: BallFit, mm_per_px: tuple[float, float], scale: GelScale | None, look_fit: LookFit
-) -> dict[str, str]:
-    def rms(values: Iterable[float]) -> float:
-        return float(np.sqrt(np.mean(np.square(list(values)))))
-
-    across, along = mm_per_px
-    numbers = {"scale along x, y": f"{across:.5f}, {along:.5f} mm per px"}
-    if scale is not None:
         sx, sy = scale.sigma
         numbers["scale along x, y"] = f"{across:.5f} ± {sx:.5f}, {along:.5f} ± {sy:.5f} mm per px"
         numbers["pixel, width over height"] = f"{scale.pixel_aspect:.4f} ± {scale.aspect_sigma:.4f}"
-    for radius, error in fit.radius_error().items():
+    quality |= {
+        "look_error_share": look_fit.error_share,
+        "look_held_out_grey": {p.id: p.rms_grey for p in held_out},
+        "look_held_out_adjusted_grey": {p.id: p.adjusted_grey for p in held_out},
+        "colour_change_grey": {p.id: p.change_grey for p in held_out},
+        "noise_grey": look.noise.sigma_grey,
+    }
+    for radius, error in errors.items():
         numbers[f"balls of {2 * radius:g} mm, left out"] = f"{100 * error:+.1f} % in radius (median)"
-    look, held_out = look_fit.look, look_fit.held_out
+    given, adjusted, change = (
+        float(np.sqrt(np.mean(np.square(values))))
+        for values in zip(*((p.rms_grey, p.adjusted_grey, p.change_grey) for p in held_out), strict=True)
+    )
     terms = [f"place to degree {look.place_degree}"]
     terms += ["local background"] if look.by_background else []
     terms += ["light lost beside a dent"] if look.shadows else []
-    seen = visibility(look)
-    noise = ", ".join(f"{sigma:.1f}" for sigma in look.noise.sigma_grey)
-    return numbers | {
+    median, worst, (worst_x, worst_y) = visibility(look)
+    return quality, numbers | {
         "slope where nothing touches": f"{fit.null_rms:.4f}",
         "error of a normal's part, left out": f"{fit.normal_rms:.4f}",
         "look, colour error of presses left out": (
-            f"{rms(p.rms_grey for p in held_out):.1f} grey from their circles, "
-            f"{rms(p.adjusted_grey for p in held_out):.1f} with circles adjusted, of a change of "
-            f"{rms(p.change_grey for p in held_out):.1f}"
+            f"{given:.1f} grey from their circles, {adjusted:.1f} with circles adjusted, of a change of "
+            f"{change:.1f}"
         ),
         "look, terms that presses left out support": ", ".join(terms),
-        "noise (R, G, B)": f"{noise} grey",
+        "noise (R, G, B)": ", ".join(f"{sigma:.1f}" for sigma in look.noise.sigma_grey) + " grey",
         "colour change by a slope of 0.1 in the direction that shows least": (
-            f"{seen.median:.1f} sigma of the noise (median over the gel), {seen.worst:.1f} at worst, at "
-            f"x, y = ({seen.worst_px[0]:.0f}, {seen.worst_px[1]:.0f}) px"
+            f"{median:.1f} sigma of the noise (median over the gel), {worst:.1f} at worst, at "
+            f"x, y = ({worst_x:.0f}, {worst_y:.0f}) px"
         ),
         "JPEG quality": "no compression found" if look.jpeg_quality is None else str(look.jpeg_quality),
     }
@@ -265,7 +262,7 @@ def _pictures(fit: BallFit, presses: PressFolder, scale: GelScale | None) -> lis
     for radius in sorted(set(fit.true_mm.values())):
         x, y = np.array([fit.centres_px[i] for i, true in fit.true_mm.items() if true == radius]).T
         places[f"{2 * radius:g} mm"] = x, rows - y
-    press = max((p.press for p in presses.found), key=lambda p: float(p.strength.max()))
+    press = max(presses.found, key=lambda p: float(p.strength.max()))
     x, y = np.meshgrid(np.arange(0, columns, 2), np.arange(0, rows, 2))
     at = np.column_stack([x.ravel(), y.ravel()]).astype(np.float64)
     slopes = fit.map.slopes(press.change[y.ravel(), x.ravel()], at)[:, 0].reshape(x.shape)
@@ -394,16 +391,9 @@ def _reference_result(reference: Reference, serial: str, folder: Path, simulated
         numbers["light since the earlier reference (R, G, B)"] = ", ".join(f"{g:.3f}" for g in drift.gain)
         numbers["picture that changed shape"] = f"{drift.contact_share:.2%}"
     return CalibrationResult(
-        "tactile",
-        {"tactile": serial},
-        {"image_height": rows, "image_width": columns, "reference_image": path.name},
-        assessment,
-        source=f"{_FRAMES} frames at rest",
-        quality=quality,
-        numbers=numbers,
-        used=_FRAMES,
-        files=[path] if path.exists() else [],
+        "tactile", {"tactile": serial},
+        {"image_height": rows, "image_width": columns, "reference_image": path.name}, assessment,
+        source=f"{_FRAMES} frames at rest", quality=quality, numbers=numbers, used=_FRAMES,
+        files=[path] if path.exists() else [], simulated=simulated, part="reference",
         pictures=[figures.image("Reference", "The mean of the frames.", mean)],
-        simulated=simulated,
-        part="reference",
-    )
+    )  # fmt: skip

@@ -11,11 +11,10 @@ from drivers.bench import Bench
 from drivers.errors import OutOfLimitsError
 from drivers.types import HandState, Holding, Pose
 from protocols.grasps import GraspFile, Position
-from protocols.home import go_home, home_plan
 from protocols.operator import Operator
 from protocols.readiness import make_ready
 from protocols.safe_end import safe_end
-from protocols.steps import TRAVEL_SPEED_M_S, require_room, way_to
+from protocols.steps import TRAVEL_SPEED_M_S, go_home, home_plan, require_room, way_to
 from protocols.teach import STEP_SPEED_M_S, Taught, lead_by_hand, measure_width, open_hand, step_by_keys
 from rig.bench.assembly import TOOL_DOWN, home_pose
 from rig.bench.operators import ConsoleOperator

@@ -1,7 +1,7 @@
 """`rig calibrate`: write calibration files and pages, from recorded samples or on the bench."""
 
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, closing, contextmanager
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack, closing
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from drivers.errors import CalibrationError, InputError
-from rig.cli.common import emit_json, mark, print_result, say
+from rig.cli.common import mark, print_result, say
 from rig.cli.helping import Commands
 from rig.cli.options import (
     BenchOption,
@@ -27,7 +27,6 @@ from rig.terminal.questions import ask, ask_line
 from rig.terminal.screen import begin_phase
 
 if TYPE_CHECKING:
-    from rig.calibrate.bench import Station
     from rig.calibrate.result import CalibrationResult
 
 TargetOption = Annotated[
@@ -56,7 +55,7 @@ calibrate = Commands(
 )
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class StationOptions(WatchOptions):
     """The source of a calibration's samples, and the folder of its file."""
 
@@ -69,7 +68,7 @@ class StationOptions(WatchOptions):
     json: JsonOption = False
 
     @property
-    def folder(self) -> Path:
+    def files(self) -> Path:
         """Folder of the calibration files: --out, by default the folder that trials on the bench read."""
         from rig.config.calibrations import calibrations_folder
 
@@ -78,101 +77,73 @@ class StationOptions(WatchOptions):
 
 def calibrated(
     context: typer.Context,
-    common: StationOptions,
+    options: StationOptions,
     work: tuple[str, int],
     on_bench: Sequence[object],
     from_folder: Callable[[], Sequence[object]],
-    **settings: Any,
+    agreed: bool = False,
+    objects: Path | None = None,
+    needs: str = "",
 ) -> None:
     """Calibrate from the folder of --from, or on the bench without it; store and print the results.
 
     work: name and number of the items for the watch page. on_bench, from_folder: arguments of the kind's
-    `collect` and `solve`, after the station and the folder. settings: further arguments of `_station`.
-    """
-    from rig.calibrate.kinds import KINDS
-
-    kind = KINDS[str(context.info_name)]
-    if common.source is None:
-        with _station(context, common, *work, **settings) as at:
-            _file(kind.collect(at, *on_bench), common)
-        return
-    for name in ("watch", "watch_at"):
-        if getattr(common, name):
-            named = name.replace("_", "-")
-            raise InputError(
-                f"--{named} is for a calibration on a bench: leave it out with --from {common.source}"
-            )
-    begin_phase(f"calibrating from {common.source}")
-    _file(kind.solve(common.source, *from_folder()), common)
-
-
-@contextmanager
-def _station(
-    context: typer.Context,
-    common: StationOptions,
-    what: str,
-    total: int,
-    agreed: bool = False,
-    objects: Path | None = None,
-    needs: str = "",
-) -> "Iterator[Station]":
-    """Yield the station of a collection: the bench, the operator, and the folder of the results.
-
-    what, total: name and number of the items for the watch page. agreed: whether every question is agreed to,
-    as with --yes. objects: folder of own objects. needs: name in `rig.config.parts.NEEDS`, by default that of
+    `collect` and `solve`, after the station and the folder. agreed: whether every question is agreed to, as
+    with --yes. objects: folder of own objects. needs: name in `rig.config.parts.NEEDS`, by default that of
     the command. With --dry-run the plan is shown, as by `dry_run`, and the command ends. Raises `InputError`.
     """
     from rig.bench.operators import ConsoleOperator
     from rig.calibrate.bench import Station
+    from rig.calibrate.kinds import KINDS
     from rig.config import load_bench
     from rig.config.objects import with_objects
     from rig.config.parts import require_parts
+    from rig.live.observer import PictureSender
 
-    config = with_objects(load_bench(common.bench), common.bench, objects)
+    kind, source = KINDS[str(context.info_name)], options.source
+    if source is not None:
+        for name, given in (("watch", options.watch), ("watch-at", options.watch_at)):
+            if given:
+                raise InputError(
+                    f"--{name} is for a calibration on a bench: leave it out with --from {source}"
+                )
+        begin_phase(f"calibrating from {source}")
+        _file(kind.solve(source, *from_folder()), options)
+        return
+    config = with_objects(load_bench(options.bench), options.bench, objects)
     require_parts(config, needs or f"rig calibrate {context.info_name}")
-    title = (
-        f"{mark(config.simulated and not config.mixed)}calibrate {context.info_name} on bench '{config.name}'"
-    )
+    simulated = mark(config.simulated and not config.mixed)
+    title = f"{simulated}calibrate {context.info_name} on bench '{config.name}'"
     say(title)
     with ExitStack() as stack:
-        watch = WatchOptions() if common.dry else common
-        listeners = stack.enter_context(watched(context, watch, title, what, total))
-        show = None
-        if listeners:
-            from rig.live.feed import LiveFeed
-            from rig.live.observer import PictureSender
-
-            show = stack.enter_context(closing(PictureSender(LiveFeed(listeners))))
-        yield Station(
-            config,
-            common.seed,
-            common.folder,
-            ConsoleOperator(ask, agreed or common.yes, ask_line),
-            say,
-            partial(dry_run, config, json=common.json) if common.dry else lambda plan: None,
-            show,
-        )
+        watch = WatchOptions() if options.dry else options
+        listeners = stack.enter_context(watched(context, watch, title, *work))
+        show = stack.enter_context(closing(PictureSender(listeners))) if listeners else None
+        person = ConsoleOperator(ask, agreed or options.yes, ask_line)
+        before = partial(dry_run, config, json=options.json) if options.dry else lambda plan: None
+        at = Station(config, options.seed, options.files, person, say, before, show)
+        _file(kind.collect(at, *on_bench), options)
 
 
-def _file(results: "CalibrationResult | list[CalibrationResult]", common: StationOptions) -> None:
+def _file(results: "CalibrationResult | list[CalibrationResult]", options: StationOptions) -> None:
     """Store results; print their verdicts, figures, rejected samples and paths.
 
     Raises `CalibrationError` at the end if any is refused.
     """
     if not isinstance(results, list):
-        figures = _filed(results, common.folder)
-        print_result(common.json, figures, figures["file"], figures["page"])
+        figures = _filed(results, options.files)
+        print_result(options.json, figures, figures["file"], figures["page"])
         return
     filed: list[dict[str, Any]] = []
     refused: list[str] = []
     for result in results:
         try:
-            filed.append(_filed(result, common.folder))
+            filed.append(_filed(result, options.files))
         except CalibrationError as error:
             refused.append(str(error))
             say(str(error))
     paths = [each[name] for each in filed for name in ("file", "page")]
-    print_result(common.json, {"calibrations": filed, "refused": refused}, *paths)
+    print_result(options.json, {"calibrations": filed, "refused": refused}, *paths)
     if refused:
         raise CalibrationError(f"{len(refused)} of {len(results)} calibrations were refused; see their pages")
 
@@ -191,10 +162,8 @@ def _filed(result: "CalibrationResult", folder: Path) -> dict[str, Any]:
     return filed
 
 
-@dataclass(frozen=True, slots=True)
-class CameraOptions:
-    """The calibration board, and its views."""
-
+@dataclass(frozen=True)
+class CameraOptions(StationOptions):
     target: TargetOption = "charuco:8x6:25:18:DICT_5X5_100"
     pattern: PicturesOption = "*"
     serial: CameraSerial = "unknown"
@@ -202,7 +171,7 @@ class CameraOptions:
     poses: PosesOption = 20
 
 
-def camera(context: typer.Context, common: StationOptions, options: CameraOptions) -> None:
+def camera(context: typer.Context, options: CameraOptions) -> None:
     """Calibrate a camera's intrinsics and lens distortion from views of a board.
 
     Several lens models are fitted; the one with the lowest reprojection error on held-out views is kept.
@@ -220,28 +189,23 @@ def camera(context: typer.Context, common: StationOptions, options: CameraOption
 
     Examples:
       rig calibrate camera --bench fake --poses 20
-
       rig calibrate camera --bench fake --watch
-
       rig calibrate camera --from photos --target chessboard:9x6:25 --pictures 'left*.jpg'
-
     """
     from calibration.targets.boards import parse_target
 
     target = parse_target(options.target)
     calibrated(
         context,
-        common,
+        options,
         ("views", options.poses),
         (target, options.poses),
         lambda: (options.pattern, target, options.serial, options.keep_all),
     )
 
 
-@dataclass(frozen=True, slots=True)
-class HandEyeOptions:
-    """The target, the camera, and where the camera is mounted."""
-
+@dataclass(frozen=True)
+class HandEyeOptions(StationOptions):
     target: TargetOption = "marker:60:DICT_4X4_50:0"
     camera_file: CameraFile = None
     setup: str = option("eye-to-hand", "eye-to-hand (fixed camera) or eye-in-hand (camera on the tool).")
@@ -249,7 +213,7 @@ class HandEyeOptions:
     poses: PosesOption = 20
 
 
-def hand_eye(context: typer.Context, common: StationOptions, options: HandEyeOptions) -> None:
+def hand_eye(context: typer.Context, options: HandEyeOptions) -> None:
     """Calibrate the pose of the camera: base_T_camera if it is fixed, tcp_T_camera if it is on the tool.
 
     On a bench the arm visits --poses poses. Each is chosen to reduce the uncertainty most, and each picture
@@ -267,11 +231,8 @@ def hand_eye(context: typer.Context, common: StationOptions, options: HandEyeOpt
 
     Examples:
       rig calibrate hand-eye --from samples --camera camera.yaml --target marker:60:DICT_4X4_50:0
-
       rig calibrate hand-eye --bench fake --poses 15
-
       rig calibrate hand-eye --bench fake --setup eye-in-hand
-
     """
     from calibration.hand_eye.solve import Setup
     from calibration.targets.boards import parse_target
@@ -281,17 +242,15 @@ def hand_eye(context: typer.Context, common: StationOptions, options: HandEyeOpt
     target, setup = parse_target(options.target), Setup(options.setup)
     calibrated(
         context,
-        common,
+        options,
         ("poses", options.poses),
         (target, setup, options.poses),
         lambda: (target, options.camera_file, options.serial, setup),
     )
 
 
-@dataclass(frozen=True, slots=True)
-class MarkersOptions:
-    """The markers, and the object that carries them."""
-
+@dataclass(frozen=True)
+class MarkersOptions(StationOptions):
     ids: tuple[int, int] = option((0, 1), "Ids of the two markers.")
     dictionary: str = option("DICT_4X4_50", "ArUco dictionary: OpenCV's name, or a file.")
     camera_file: CameraFile = None
@@ -301,7 +260,7 @@ class MarkersOptions:
     objects: ObjectsOption = None
 
 
-def markers(context: typer.Context, common: StationOptions, options: MarkersOptions) -> None:
+def markers(context: typer.Context, options: MarkersOptions) -> None:
     """Measure the noise of the angle from two markers, on pictures of an object at rest.
 
     On a bench the camera takes sixty pictures of an object in its place. Nothing moves.
@@ -310,9 +269,7 @@ def markers(context: typer.Context, common: StationOptions, options: MarkersOpti
 
     Examples:
       rig calibrate markers --bench fake
-
       rig calibrate markers --from still --camera calibrations/camera-C1.yaml
-
     """
     from calibration.camera.files import read_camera
 
@@ -320,13 +277,11 @@ def markers(context: typer.Context, common: StationOptions, options: MarkersOpti
         lens = None if options.camera_file is None else read_camera(options.camera_file)
         return options.pattern, options.ids, options.dictionary, lens, options.serial
 
-    calibrated(context, common, ("objects", 1), (options.object_name,), from_folder, objects=options.objects)
+    calibrated(context, options, ("objects", 1), (options.object_name,), from_folder, objects=options.objects)
 
 
-@dataclass(frozen=True, slots=True)
-class TactileOptions:
-    """The presses, the balls, and the sensor."""
-
+@dataclass(frozen=True)
+class TactileOptions(StationOptions):
     folder: Path | None = argument(None, "Folder of photographs of pressed balls; as --from.")
     balls_mm: list[float] | None = option(
         None, "On a bench: diameter of a ball to press, in mm; repeat for a second size.", "--ball-mm"
@@ -346,7 +301,7 @@ class TactileOptions:
     )
 
 
-def tactile(context: typer.Context, common: StationOptions, options: TactileOptions) -> None:
+def tactile(context: typer.Context, options: TactileOptions) -> None:
     """Calibrate a gel's scale and its map from colour to surface slope, from presses of balls.
 
     On a bench with --ball-mm the fingers press each ball at many places of both gels. The scale in mm per px
@@ -364,20 +319,16 @@ def tactile(context: typer.Context, common: StationOptions, options: TactileOpti
 
     Examples:
       rig calibrate tactile presses --ball-mm 8.8 --background bg.png --serial D20641
-
       rig calibrate tactile --bench fake
-
       rig calibrate tactile --bench fake --ball-mm 5 --ball-mm 9.5
-
       rig calibrate tactile --from gelsight_ball --mm-per-px 0.0634 0.0634 --serial GS1
-
     """
-    balls_mm, source = options.balls_mm or [], options.folder or common.source
+    balls_mm, source = options.balls_mm or [], options.folder or options.source
     if source and len(balls_mm) > 1:
         raise InputError("--ball-mm was given twice: name each picture's ball in catalog.csv instead")
     calibrated(
         context,
-        replace(common, source=source),
+        replace(options, source=source),
         ("presses", options.presses * len(balls_mm)) if balls_mm else ("fingertips", 2),
         (balls_mm, options.presses),
         lambda: (
@@ -393,17 +344,15 @@ def tactile(context: typer.Context, common: StationOptions, options: TactileOpti
     )
 
 
-@dataclass(frozen=True, slots=True)
-class GripperOptions:
-    """The blocks, and the gripper."""
-
+@dataclass(frozen=True)
+class GripperOptions(StationOptions):
     blocks_mm: list[float] | None = option(
         None, "On a bench: width in mm of a block to grasp; repeat for more.", "--block-mm"
     )
     serial: str = option("unknown", "Serial of the gripper.")
 
 
-def gripper(context: typer.Context, common: StationOptions, options: GripperOptions) -> None:
+def gripper(context: typer.Context, options: GripperOptions) -> None:
     """Calibrate the gripper's opening in mm as a monotone function of its counts, and its hysteresis.
 
     On a bench the fingers close on blocks of known width (8 to 95 mm, or --block-mm) until both gels detect
@@ -415,26 +364,22 @@ def gripper(context: typer.Context, common: StationOptions, options: GripperOpti
 
     Examples:
       rig calibrate gripper --bench fake
-
       rig calibrate gripper --from measured --serial R3F-1
-
     """
     from rig.config import load_bench
 
     blocks_mm = options.blocks_mm or _BLOCKS_MM
     calibrated(
         context,
-        common,
+        options,
         ("contacts", 2 * len(blocks_mm)),
         (blocks_mm,),
-        lambda: (options.serial, load_bench(common.bench).gripper.limits.spec().resolution_m),
+        lambda: (options.serial, load_bench(options.bench).gripper.limits.spec().resolution_m),
     )
 
 
-@dataclass(frozen=True, slots=True)
-class TcpOptions:
-    """The tilts, and the tool."""
-
+@dataclass(frozen=True)
+class TcpOptions(StationOptions):
     poses: int = option(12, "On a bench: number of tilts.", min=4, max=60)
     serial: str = option("unknown", "Serial of the tool.")
     accept_change: bool = option(
@@ -442,7 +387,7 @@ class TcpOptions:
     )
 
 
-def tcp(context: typer.Context, common: StationOptions, options: TcpOptions) -> None:
+def tcp(context: typer.Context, options: TcpOptions) -> None:
     """Calibrate the position of a clamped pointed tip in the flange frame, by pivoting it in a small hole.
 
     On a bench the fingers hold a pointed tip. The arm tilts it above the hole. You then step it into the hole
@@ -459,23 +404,21 @@ def tcp(context: typer.Context, common: StationOptions, options: TcpOptions) -> 
 
     Examples:
       rig calibrate tcp --bench fake
-
       rig calibrate tcp --from pivot
-
     """
     from rig.config import load_bench
 
     def from_folder() -> tuple[object, ...]:
-        tool = load_bench(common.bench).arm.flange_T_tcp() if is_given(context, "bench") else None
+        tool = load_bench(options.bench).arm.flange_T_tcp() if is_given(context, "bench") else None
         return options.serial, tool, options.accept_change
 
-    calibrated(context, common, ("tilts", options.poses), (options.poses, options.accept_change), from_folder)
+    calibrated(
+        context, options, ("tilts", options.poses), (options.poses, options.accept_change), from_folder
+    )
 
 
-@dataclass(frozen=True, slots=True)
-class SyncOptions:
-    """The streams, and the object that carries the markers."""
-
+@dataclass(frozen=True)
+class SyncOptions(StationOptions):
     first: str = option("robot", "Stream whose clock is the reference.", "--reference")
     second: str = option("camera", "Stream whose offset from the reference is estimated.", "--stream")
     search: float = option(0.5, "Largest offset to search for, s.", min=0.01, max=10)
@@ -485,7 +428,7 @@ class SyncOptions:
     objects: ObjectsOption = None
 
 
-def sync(context: typer.Context, common: StationOptions, options: SyncOptions) -> None:
+def sync(context: typer.Context, options: SyncOptions) -> None:
     """Estimate the time offset and drift between streams that measured the same motion.
 
     On a bench the arm moves an object with markers up and down by 1 cm. The offsets of the camera and of both
@@ -501,13 +444,11 @@ def sync(context: typer.Context, common: StationOptions, options: SyncOptions) -
 
     Examples:
       rig calibrate sync --bench fake
-
       rig calibrate sync --from wiggle --reference robot --stream camera
-
     """
     calibrated(
         context,
-        common,
+        options,
         ("wiggles", 1),
         (options.object_name, options.search),
         lambda: (options.first, options.second, options.search),
@@ -536,9 +477,7 @@ def board(
 
     Examples:
       rig calibrate board charuco:8x6:25:18:DICT_5X5_100 --out board.pdf
-
       rig calibrate board marker:60:DICT_4X4_50:0 --out marker.svg
-
     """
     from calibration.store import write_bytes
     from calibration.targets.sheets import sheet_svg
@@ -549,10 +488,7 @@ def board(
     if path.suffix.lower() not in makers:
         raise InputError(f"--out {path}: give a file ending in .svg or .pdf")
     write_bytes(path, makers[path.suffix.lower()]())
-    if json:
-        emit_json({"target": target, "file": str(path)})
-    else:
-        print(path)
+    print_result(json, {"target": target, "file": str(path)}, path)
 
 
 @calibrate.command()
@@ -565,13 +501,8 @@ def compare(
 
     Examples:
       rig calibrate compare calibrations/camera-C1.yaml old/camera-C1.yaml
-
     """
     from rig.calibrate.kinds import compare_files
 
     figures = compare_files(one, other)
-    if json:
-        emit_json(figures)
-    else:
-        for name, value in figures.items():
-            print(f"{name}: {value}")
+    print_result(json, figures, *(f"{name}: {value}" for name, value in figures.items()))

@@ -21,8 +21,6 @@ NO_BROWSER = "no browser could be started: open the address above in a browser o
 
 
 class Exit(IntEnum):
-    """Exit codes of all commands."""
-
     DONE = 0
     FAULT = 1
     USAGE = 2

@@ -35,8 +35,7 @@ def compare(options: CompareOptions) -> None:
       rig compare slip ellipse --on sessions/2026-11-21T093000_trial
       rig compare slip pca --on sessions/monday --out slip_pca.html --json
     """
-    from rig.report.compare import compare_lifts, verdict
-    from rig.report.compare_page import compare_page, figure_table, object_table
+    from rig.report.compare import compare_lifts, compare_page, figure_table, object_table, verdict
     from rig.report.sides import estimator_side, session_side
     from rig.report.write import write_page
     from rig.results.metrics import FEWEST_LIFTS, INTERVAL

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, slots=True)
-class SourceOptions:
+class EstimateOptions:
     frames: Path = argument(
         ...,
         "Folder of images (sorted by name), image, video (.avi, .mp4, .mkv, .webm ...), array "
@@ -31,10 +31,6 @@ class SourceOptions:
     )
     fps: float | None = option(None, "Frame rate in Hz. Default: that of a video; 60 for images.")
     topic: TopicOption = None
-
-
-@dataclass(frozen=True, slots=True)
-class EstimationOptions:
     background: str | None = option(
         None,
         "Frame without contact: an IMAGE, first:N (mean of the first N frames) or auto (computed from "
@@ -74,10 +70,6 @@ class EstimationOptions:
         "YAML file of rig calibrate tactile, for frames of one sensor: slip computes slopes from its look, "
         "not from a map learnt from the contact; and the shift is also in mm.",
     )
-
-
-@dataclass(frozen=True, slots=True)
-class ResultOptions:
     out: Path | None = option(
         None, "CSV file to write; for a session, a folder. Default: print the table on stdout."
     )
@@ -90,7 +82,7 @@ class ResultOptions:
     json: JsonOption = False
 
 
-def estimate(source: SourceOptions, how: EstimationOptions, to: ResultOptions) -> None:
+def estimate(options: EstimateOptions) -> None:
     """Estimate the rotation of the contact in tactile images, in a table with a row per frame.
 
     The columns are t_s; angle_deg and sigma_deg (standard deviation), relative to the zero frame; state;
@@ -118,115 +110,118 @@ def estimate(source: SourceOptions, how: EstimationOptions, to: ResultOptions) -
     from rig.sessions.manifest import is_session
     from rig.tactile.estimators import choose_estimator
 
-    frames = source.frames
+    frames, out = options.frames, options.out
     of_session, of_recording = is_session(frames), is_recording(frames)
-    of_rig = of_session or of_recording
-    choice = choose_estimator(how.estimator, how.window, gel=how.gel)
-    run = Estimation(choice, how.background, how.reference_time, how.lift_from, how.pixel_aspect)
-    if of_rig and (source.timestamps is not None or source.fps is not None or run.lift is not None):
-        raise InputError(f"{frames} contains its times: leave --timestamps, --fps and --lift-from out")
-    if of_rig and how.gel is not None:
-        raise InputError(f"{frames} is of several sensors: leave --gel out, or give frames of one")
-    if of_rig and source.topic is not None:
-        raise InputError(f"{frames} is not a ROS bag: leave --topic out, or give --sensor")
-    folder_place(to.out if of_session else to.out and to.out.parent)  # created if it is missing
+    choice = choose_estimator(options.estimator, options.window, gel=options.gel)
+    run = Estimation(
+        choice, options.background, options.reference_time, options.lift_from, options.pixel_aspect
+    )
+    if of_session or of_recording:
+        if options.timestamps is not None or options.fps is not None or run.lift is not None:
+            raise InputError(f"{frames} contains its times: leave --timestamps, --fps and --lift-from out")
+        if options.gel is not None:
+            raise InputError(f"{frames} is of several sensors: leave --gel out, or give frames of one")
+        if options.topic is not None:
+            raise InputError(f"{frames} is not a ROS bag: leave --topic out, or give --sensor")
+    folder_place(out if of_session else out and out.parent)  # created if it is missing
     if of_session:
-        _session(source, run, to)
+        _session(options, run)
     elif of_recording:
-        _recording(source, run, to)
+        _recording(options, run)
     else:
-        _series(source, run, to, how.gel)
+        _series(options, run)
 
 
-def _series(source: SourceOptions, run: "Estimation", to: ResultOptions, gel: Path | None) -> None:
-    """Estimate frames that are not from a session. gel: calibration file of the sensor; None without one."""
+def _series(options: EstimateOptions, run: "Estimation") -> None:
+    """Estimate frames that are not from a session."""
     from rig.frames.estimates import rows
     from rig.frames.gel_height import read_scale
     from rig.frames.series import read_frames
 
-    path = source.frames
-    if source.sensor is not None:
+    path = options.frames
+    if options.sensor is not None:
         raise InputError(f"{path} is a clip of one sensor: leave --sensor out")
-    mm_per_px = None if gel is None else read_scale(gel)
+    mm_per_px = None if options.gel is None else read_scale(options.gel)
     begin_phase(f"reading {path}")
-    series = read_frames(path, source.timestamps, source.fps, source.topic)
+    series = read_frames(path, options.timestamps, options.fps, options.topic)
     for note in series.notes:
         say(note)
     begin_phase(f"estimating with {run.choice.name}")
     done = run.of_series(series)
     figures = _report(f"{mark(series.simulated)}{path}", done, run)
-    _deliver(rows(done.estimate, mm_per_px), figures, to, [done], path, run, series.simulated)
+    _deliver(options, run, rows(done.estimate, mm_per_px), figures, [done], series.simulated)
 
 
-def _recording(source: SourceOptions, run: "Estimation", to: ResultOptions) -> None:
+def _recording(options: EstimateOptions, run: "Estimation") -> None:
     from rig.frames.estimates import rows
     from rig.frames.of_session import of_sensor, recording_frames
     from rig.sessions.recording_file import recording_values
 
-    path = source.frames
+    path = options.frames
     shown, samples, figures = [], [], []
-    for tip in of_sensor(recording_frames(path), source.sensor):
+    for tip in of_sensor(recording_frames(path), options.sensor):
         begin_phase(f"estimating {tip.serial} with {run.choice.name}")
-        done = run.of_sensor(tip)
+        done = run.of_series(tip)
         shown.append(done)
         samples += [{**row, "sensor": tip.serial} for row in rows(done.estimate)]
         report = _report(f"{path}, {tip.serial}", done, run)
         figures.append({"serial": tip.serial, "sign": tip.sign, **report})
     simulated = recording_values(path).get("simulated") == "SIMULATED"
-    _deliver(samples, {"recording": str(path), "sensors": figures}, to, shown, path, run, simulated)
+    _deliver(options, run, samples, {"recording": str(path), "sensors": figures}, shown, simulated)
 
 
-def _session(source: SourceOptions, run: "Estimation", to: ResultOptions) -> None:
+def _session(options: EstimateOptions, run: "Estimation") -> None:
     from rig.frames.estimates import rows, table
     from rig.frames.of_session import of_sensor, session_frames
 
-    path, out = source.frames, to.out
-    if to.page is not None:
-        raise InputError(f"--page {to.page}: the page of a session is its report: rig report {path}")
+    path, out = options.frames, options.out
+    if options.page is not None:
+        raise InputError(f"--page {options.page}: the page of a session is its report: rig report {path}")
     if out is None:
         raise InputError(f"{path} is a session: give --out FOLDER for one table per lift and sensor")
     lifts, faults = [], []
     tips, problems = session_frames(path)
-    for tip in of_sensor(tips, source.sensor):
+    for tip in of_sensor(tips, options.sensor):
         begin_phase(f"estimating lift {tip.lift}, {tip.serial}, with {run.choice.name}")
-        done = run.of_sensor(tip)
+        done = run.of_series(tip)
         file = out / f"{tip.lift}_{tip.serial}.csv"
         _write(file, table(rows(done.estimate)))
         figures = _report(f"lift {tip.lift}, {tip.serial}", done, run)
         faults += [done.faults] if done.faults else []
         lifts.append({"lift": tip.lift, "serial": tip.serial, "sign": tip.sign, **figures, "out": str(file)})
-    if to.json:
+    if options.json:
         emit_json({"session": str(path), "out": str(out), "lifts": lifts})
     report_broken(problems)
     report_faults(faults)
 
 
 def _deliver(
+    options: EstimateOptions,
+    run: "Estimation",
     samples: list[dict[str, object]],
     figures: dict[str, object],
-    to: ResultOptions,
     shown: "list[EstimatedSeries]",
-    source: Path,
-    run: "Estimation",
     simulated: bool,
 ) -> None:
     """Write the table and the page; with --json and without --out put the rows in the JSON."""
     from rig.frames.estimates import table
 
-    if to.out is not None:
-        _write(to.out, table(samples))
-    elif not to.json:
+    out, page = options.out, options.page
+    if out is not None:
+        _write(out, table(samples))
+    elif not options.json:
         print(table(samples), end="")
-    if to.json:
-        emit_json({**figures, **({"samples": samples} if to.out is None else {"out": str(to.out)})})
-    if to.page is not None:
+    if options.json:
+        emit_json({**figures, **({"samples": samples} if out is None else {"out": str(out)})})
+    if page is not None:
         from rig.report.own_frames import estimate_page
         from rig.report.write import write_page
 
-        about = f"Estimator {run.choice.name}; {', '.join(dict.fromkeys(one.background for one in shown))}."
+        backgrounds = ", ".join(dict.fromkeys(one.background for one in shown))
         begin_phase("writing the page")
-        write_page(to.page, estimate_page(shown, source.name, about, simulated))
-        say(f"page: {to.page}")
+        about = f"Estimator {run.choice.name}; {backgrounds}."
+        write_page(page, estimate_page(shown, options.frames.name, about, simulated))
+        say(f"page: {page}")
     report_faults(one.faults for one in shown if one.faults)
 
 

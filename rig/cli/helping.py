@@ -53,8 +53,6 @@ class _NamesNearest:
 
 
 class Command(_NamesNearest, TyperCommand):
-    """A command of the rig."""
-
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Parse the options; if the bench is simulated, show that from now on while loading."""
         rest = super().parse_args(ctx, args)

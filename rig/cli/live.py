@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 
 from drivers.clock import SystemClock, to_ns
 from drivers.errors import EstimatorError, InputError
+from drivers.realtime import compute_in_one_thread
 from rig.cli.common import NO_BROWSER, STOPS, Exit, mark, say
 from rig.cli.helping import Commands
 from rig.declared import argument, option
@@ -36,8 +37,8 @@ PLAIN_EVERY_S = 1.0
 """Interval of the lines per sensor if the output is not a terminal."""
 
 
-@dataclass(frozen=True, slots=True)
-class LiveSourceOptions:
+@dataclass(frozen=True)
+class DeskOptions:
     sources: list[str] = argument(
         ...,
         "One or two sources: a DIGIT's serial, /dev/videoN or its number, an MJPEG address (http://...), a "
@@ -54,10 +55,6 @@ class LiveSourceOptions:
     same_side: bool = option(
         False, "Both sensors touch the object on the same side. Default: on opposite sides, as fingers do."
     )
-
-
-@dataclass(frozen=True, slots=True)
-class LiveAngleOptions:
     estimator: str | None = option(None, "Estimator, as in rig estimate. Default: slip.")
     background: Path | None = option(
         None,
@@ -74,8 +71,8 @@ class LiveAngleOptions:
     )
 
 
-@dataclass(frozen=True, slots=True)
-class LiveViewOptions:
+@dataclass(frozen=True)
+class LiveOptions(DeskOptions):
     terminal: bool = option(False, "Show the angle as text in the terminal, without a page.")
     json: bool = option(False, "Print one JSON object per frame on stdout, without a page.")
     browser: bool = option(True, "Open the page in the browser.", "--browser/--no-browser")
@@ -88,7 +85,7 @@ class LiveViewOptions:
     seconds: float | None = option(None, "End after this time in s. Default: run until Ctrl-C.", min=0.0)
 
 
-def live(source: LiveSourceOptions, how: LiveAngleOptions, view: LiveViewOptions) -> None:
+def live(options: LiveOptions) -> None:
     """Show the angle of one or two tactile sensors live, in the browser, as text or as JSON.
 
     No bench is needed, and nothing moves. Ctrl-C ends the command.
@@ -112,30 +109,29 @@ def live(source: LiveSourceOptions, how: LiveAngleOptions, view: LiveViewOptions
     with stopped_by_person() as stopped, ExitStack() as stack:
         import webbrowser
 
-        from drivers.realtime import compute_in_one_thread
         from rig.live.watch import WatchPage, watch_address
         from rig.pages.requests import way_to
 
-        if view.watch_at is not None and (view.terminal or view.json):
+        if options.watch_at is not None and (options.terminal or options.json):
             raise InputError("--watch-at is the address of the page: leave it out, or --terminal and --json")
-        name = f"{mark(is_simulated(source.sources))}rig live {' '.join(source.sources)}"
-        if not view.terminal and not view.json:  # its process starts up while this one imports the rest
-            page = WatchPage(watch_address(view.watch_at), name, estimators=offered(how.estimator))
+        name = f"{mark(is_simulated(options.sources))}rig live {' '.join(options.sources)}"
+        if not options.terminal and not options.json:  # its process starts up while this one imports the rest
+            page = WatchPage(watch_address(options.watch_at), name, estimators=offered(options.estimator))
             stack.callback(page.close)
-        desk = desk_of(source, how, stack, view.clips, () if page is None else (page.listener,))
+        desk = desk_of(options, stack, options.clips, () if page is None else (page.listener,))
         say(f"{name}{'' if page is None else f' at {page.address}'}; press Ctrl-C to end")
-        if page is not None and view.browser:
+        if page is not None and options.browser:
             secret = bool(page.process.access.key)
             if not webbrowser.open(stack.enter_context(way_to(page.address)) if secret else page.address):
                 say(NO_BROWSER)
         compute_in_one_thread()
         stack.enter_context(desk)
         show: Callable[[Reading], None] = lambda reading: None  # noqa: E731 - a page needs no lines
-        if view.json:
+        if options.json:
             show = partial(_print_json, stopped)
-        elif view.terminal:
+        elif options.terminal:
             show = stack.enter_context(_terminal())
-        run_desk(desk, show, view.seconds, stopped, page)
+        run_desk(desk, show, options.seconds, stopped, page)
         if desk.fault is not None:
             raise EstimatorError(f"ended; the estimator failed: {desk.fault}")
         if not desk.ended:  # the summaries of sources that have ended were shown then
@@ -160,8 +156,7 @@ def offered(estimator: str | None) -> tuple[str, ...]:
 
 
 def desk_of(
-    source: LiveSourceOptions,
-    how: LiveAngleOptions,
+    options: DeskOptions,
     stack: ExitStack,
     clips: Path = CLIPS,
     listeners: "Sequence[Listener]" = (),
@@ -174,30 +169,30 @@ def desk_of(
     from rig.bench.live_source import SENSORS, live_sources, serial_of
     from rig.frames.estimates import require_frames_suffice
     from rig.live.desk import Desk, DeskSettings
-    from rig.live.feed import LiveFeed, Sender
+    from rig.live.feed import Sender
     from rig.tactile.estimators import choose_estimator
 
-    texts = source.sources
+    texts = options.sources
     if len(texts) > 2:
         raise InputError(f"{len(texts)} sources: give one, or two sensors that touch the same object")
-    if source.sensor not in (None, *SENSORS):
-        raise InputError(f"--sensor {source.sensor}: choose one of {', '.join(SENSORS)}")
-    sources = live_sources(texts, source.sensor, source.fps)
-    if how.gel is not None and len(texts) > 1:
+    if options.sensor not in (None, *SENSORS):
+        raise InputError(f"--sensor {options.sensor}: choose one of {', '.join(SENSORS)}")
+    sources = live_sources(texts, options.sensor, options.fps)
+    if options.gel is not None and len(texts) > 1:
         raise InputError("--gel is for one sensor: leave it out, or give one source")
-    choice = choose_estimator(how.estimator, gel=how.gel)
+    choice = choose_estimator(options.estimator, gel=options.gel)
     require_frames_suffice(choice)
     settings = DeskSettings(
         choice,
-        signs=(1, 1) if source.same_side else (1, -1),
-        background=None if how.background is None else read_image(how.background),
-        aspect=how.pixel_aspect,
+        signs=(1, 1) if options.same_side else (1, -1),
+        background=None if options.background is None else read_image(options.background),
+        aspect=options.pixel_aspect,
         clips=clips,
         serials=tuple(map(serial_of, texts)),
         simulated=is_simulated(texts),
-        estimators=offered(how.estimator),
+        estimators=offered(options.estimator),
     )
-    sender = Sender(LiveFeed(tuple(listeners)))
+    sender = Sender(listeners)
     stack.callback(sender.close)
     return Desk(sources, settings, sender)
 
@@ -284,8 +279,8 @@ def _terminal() -> "Iterator[Callable[[Reading], None]]":
         yield show
 
 
-@dataclass(frozen=True, slots=True)
-class BridgeOptions:
+@dataclass(frozen=True)
+class BridgeOptions(DeskOptions):
     # 232: highest domain whose port numbers fit into 16 bits (RTPS 2.5, section 9.6.2)
     domain: int = option(
         0,
@@ -298,7 +293,7 @@ class BridgeOptions:
 
 
 @bridge.command("ros2")
-def ros2(source: LiveSourceOptions, how: LiveAngleOptions, to: BridgeOptions) -> None:
+def ros2(options: BridgeOptions) -> None:
     """Publish images, angle and slip alarm of one or two sensors for ROS 2 nodes.
 
     ROS need not be installed on this computer. Nothing moves. Ctrl-C ends the command.
@@ -320,14 +315,13 @@ def ros2(source: LiveSourceOptions, how: LiveAngleOptions, to: BridgeOptions) ->
     for package in ("cyclonedds", "rosbags"):
         require_extra(package, "ros2", "the bridge needs")
     with stopped_by_person() as stopped, ExitStack() as stack:
-        from drivers.realtime import compute_in_one_thread
         from rig.live.ros2_bridge import Ros2Bridge
 
         compute_in_one_thread()
-        desk = stack.enter_context(desk_of(source, how, stack))
-        publisher = Ros2Bridge(to.domain, SystemClock())
+        desk = stack.enter_context(desk_of(options, stack))
+        publisher = Ros2Bridge(options.domain, SystemClock())
         topics = ", ".join(publisher.topics([*desk.sensors]))
-        marked = mark(is_simulated(source.sources))
-        say(f"{marked}publishing in domain {to.domain}: {topics}; press Ctrl-C to end")
-        run_desk(desk, publisher.publish, to.seconds, stopped)
+        marked = mark(is_simulated(options.sources))
+        say(f"{marked}publishing in domain {options.domain}: {topics}; press Ctrl-C to end")
+        run_desk(desk, publisher.publish, options.seconds, stopped)
     say(f"ended: {publisher.published} messages published")

@@ -48,7 +48,7 @@ ResumeOption = Annotated[
 ]
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class BenchOptions:
     bench: BenchOption = "fake"
     own_objects: ObjectsOption = None
@@ -72,7 +72,7 @@ class BenchOptions:
         return with_objects(config, self.bench, self.own_objects)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class SessionOptions:
     out: Path | None = option(None, "Session folder. Default: sessions/<date>_<kind>.")
     resume: ResumeOption = False
@@ -90,7 +90,7 @@ class SessionOptions:
         return remarks_of(self.name, self.note, self.tags, self.operator)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class WatchOptions:
     watch: bool = option(False, "Show the progress on a page that only this computer can reach.")
     watch_at: str | None = option(
@@ -98,3 +98,8 @@ class WatchOptions:
         "As --watch, at HOST:PORT. With 0.0.0.0:8080 other computers can open the page, at the address with "
         "a key that the command prints.",
     )
+
+
+@dataclass(frozen=True)
+class RunOptions(WatchOptions, SessionOptions, BenchOptions):
+    """Options of a trial or a recording. Those of the last base come first in the help."""

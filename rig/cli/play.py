@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, slots=True)
-class SourceOptions:
+class PlayOptions:
     source: Path = argument(
         ..., "Session folder of a trial, or frames of one sensor in any form that rig estimate reads."
     )
@@ -37,10 +37,6 @@ class SourceOptions:
         max=10_000,
     )
     topic: TopicOption = None
-
-
-@dataclass(frozen=True, slots=True)
-class FilmOptions:
     out: Path | None = option(
         None,
         "Film to write: .webm, .mp4 (H.264; a .webm if the installed OpenCV cannot encode it), .avi (motion "
@@ -53,9 +49,10 @@ class FilmOptions:
     width: int | None = option(
         None, "Width of the film in px. Default: as drawn, without scaling.", min=320, max=3840
     )
+    json: JsonOption = False
 
 
-def play(of: SourceOptions, film: FilmOptions, json: JsonOption = False) -> None:
+def play(options: PlayOptions) -> None:
     """Make a film of a lift or of your own frames, with contact, axes and the angle over time.
 
     The film of a lift also shows the external camera. The legend is below the pictures. For frames, the angle
@@ -74,56 +71,56 @@ def play(of: SourceOptions, film: FilmOptions, json: JsonOption = False) -> None
     from rig.sessions.manifest import is_session
     from rig.sessions.recording_file import gaps_text
 
-    source = of.source
+    source = options.source
     if is_session(source):
-        lifts = _lifts(of)
+        lifts = _lifts(options)
         name, recording = lifts[0][2].title, Path(lifts[0][2].recording).stem
         shown, default = lifts, Path(f"{source.resolve().name}_{recording}.webm")
-    elif of.lift is not None or of.beside is not None:
+    elif options.lift is not None or options.beside is not None:
         raise InputError(f"{source} is not a session: leave --lift and --beside out")
     else:
-        lifts, shown = [], [_frames(of)]
+        lifts, shown = [], [_frames(options)]
         name, default = source.name, Path(f"{source.resolve().stem}_film.webm")
-    asked = film.out or default
+    asked = options.out or default
     place = film_place(asked)
-    if place.exists() and of.source.exists() and place.samefile(of.source):
+    if place.exists() and options.source.exists() and place.samefile(options.source):
         raise InputError(f"{place}: is the source of the film; choose another --out")
     begin_phase("rendering the film")
-    done = write_film(shown, place, film.fps, film.speed, film.width)
+    done = write_film(shown, place, options.fps, options.speed, options.width)
     width, height = done.size_px
     say(f"{name}: {counted(done.frames, 'frame')} of {width} x {height}, {done.codec}")
     if place != asked:
         say(f"note: the installed OpenCV has no H.264 encoder for .mp4: {place} is written instead")
     figures = {"frames": done.frames, "codec": done.codec, "size_px": [width, height]}
-    print_result(json, {"film": str(done.path), **figures}, done.path)
-    read = [(folder / lift.recording, lift.curves.gaps) for folder, _, lift in lifts if lift.curves]
+    print_result(options.json, {"film": str(done.path), **figures}, done.path)
+    read = [(folder / lift.recording, lift.notes) for folder, _, lift in lifts]
     report_broken([gaps_text(recording, list(gaps)) for recording, gaps in read if gaps])
 
 
-def _lifts(of: SourceOptions) -> "list[Filmed]":
+def _lifts(options: PlayOptions) -> "list[Filmed]":
     """Return a lift and, with --beside, the lift of the same object and number of the second session."""
     from rig.report.session import find_lift
     from rig.sessions.manifest import TrialManifest, read_manifest_of
 
-    if (of.background, of.rate, of.topic) != (None, None, None):
-        raise InputError(f"{of.source} is a session: leave --background, --rate and --topic out")
-    manifest = read_manifest_of(of.source, TrialManifest, "only trials have lifts")
-    chosen = find_lift(of.source, manifest, of.lift)
-    shown: list[Filmed] = [(of.source, manifest, chosen)]
-    if of.beside is not None:
-        other = read_manifest_of(of.beside, TrialManifest, "only trials have lifts")
-        same = find_lift(of.beside, other, f"{chosen.object}/{chosen.lift}")
-        shown.append((of.beside, other, same))
+    if (options.background, options.rate, options.topic) != (None, None, None):
+        raise InputError(f"{options.source} is a session: leave --background, --rate and --topic out")
+    manifest = read_manifest_of(options.source, TrialManifest, "only trials have lifts")
+    chosen = find_lift(options.source, manifest, options.lift)
+    shown: list[Filmed] = [(options.source, manifest, chosen)]
+    if options.beside is not None:
+        other = read_manifest_of(options.beside, TrialManifest, "only trials have lifts")
+        same = find_lift(options.beside, other, f"{chosen.object}/{chosen.lift}")
+        shown.append((options.beside, other, same))
     return shown
 
 
-def _frames(of: SourceOptions) -> "EstimatedSeries":
+def _frames(options: PlayOptions) -> "EstimatedSeries":
     from rig.frames.estimates import Estimation
     from rig.frames.series import read_frames
     from rig.tactile.estimators import choose_estimator
 
-    series = read_frames(of.source, fps=of.rate, topic=of.topic)
-    done = Estimation(choose_estimator(None, None), of.background).of_series(series)
+    series = read_frames(options.source, fps=options.rate, topic=options.topic)
+    done = Estimation(choose_estimator(None, None), options.background).of_series(series)
     for note in (*series.notes, *(f"warning: {warning}" for warning in done.warnings), done.background):
         say(note)
     return done

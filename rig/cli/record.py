@@ -10,22 +10,19 @@ import typer
 
 from drivers.errors import InputError, counted
 from rig.cli.common import mark, print_result, say
-from rig.cli.options import BenchOptions, SessionOptions, WatchOptions
+from rig.cli.options import RunOptions
 from rig.cli.report import report_after
-from rig.cli.resuming import agreed, bench_of, continued, dry_run, may_be_continued, watched
+from rig.cli.resuming import bench_of, continued, dry_run, may_be_continued, person_at, watched
 from rig.declared import option, resumed
 from rig.terminal.onlookers import announcing
-from rig.terminal.questions import ask
 
 if TYPE_CHECKING:
     from rig.experiments.record import RecordSettings
     from rig.sessions.records import PoseRow
 
-FAULT = attrgetter("fault")
 
-
-@dataclass(frozen=True, slots=True)
-class RecordOptions:
+@dataclass(frozen=True)
+class PoseOptions:
     object_name: str | None = option(
         None,
         "Object, by id or name. Required, except with --resume.",
@@ -51,13 +48,12 @@ class RecordOptions:
     )
 
 
-def record(
-    context: typer.Context,
-    what: RecordOptions,
-    bench: BenchOptions,
-    session: SessionOptions,
-    watch: WatchOptions,
-) -> None:
+@dataclass(frozen=True)
+class RecordOptions(RunOptions, PoseOptions):
+    pass
+
+
+def record(context: typer.Context, options: RecordOptions) -> None:
     """Grasp one object in all poses of its file with varied grip, and store the tactile images.
 
     The paper's objects have 3 positions x 5 orientations. An object of your own may have fewer.
@@ -73,41 +69,37 @@ def record(
       rig record --object 7 --poses 5 --images 50 --randomise --seed 3 --out training/07_3
       rig record --object 7 --watch-at 127.0.0.1:8080
     """
-    from rig.bench.operators import ConsoleOperator
     from rig.bench.source import session_bench
     from rig.experiments.record import recording_plan, run_record
-    from rig.live.feed import LiveFeed
     from rig.sessions.rows import read_poses
     from rig.terminal.progress import OneMessage, WorkProgress
 
-    remarks = session.remarks()
-    folder, settings = _prepare(context, what, bench, session)
-    if bench.dry:
-        dry_run(settings.bench, recording_plan(settings), session.json)
-    began, config = time.perf_counter(), settings.bench
-    simulated, question = mark(config.simulated), f"{recording_plan(settings).text()}\nBegin?"
-    person, message = ConsoleOperator(ask, agreed=agreed(context, bench, config)), OneMessage(_note, FAULT)
-    person.feeder = config.feeder
+    remarks = options.remarks()
+    folder, settings = _prepare(context, options)
+    plan, config = recording_plan(settings), settings.bench
+    if options.dry:
+        dry_run(config, plan, options.json)
+    began, simulated, fault = time.perf_counter(), mark(config.simulated), attrgetter("fault")
+    person, message = person_at(context, options, config), OneMessage(_note, fault)
     title = f"{simulated}recording on bench '{config.name}', {folder}"
     with (
-        may_be_continued(folder, session, lambda: say(simulated + _images(read_poses(folder))[1])),
-        watched(context, watch, title, "poses", settings.poses) as listeners,
-        session_bench(config, person, question, variation_seed=settings.variation_seed) as benches,
+        may_be_continued(folder, options, lambda: say(simulated + _images(read_poses(folder))[1])),
+        watched(context, options, title, "poses", settings.poses) as listeners,
+        session_bench(
+            config, person, f"{plan.text()}\nBegin?", variation_seed=settings.variation_seed
+        ) as benches,
         WorkProgress(settings.poses, "poses") as bar,
     ):
-        progress = announcing(bar.showing(message), _note, FAULT)
-        feed = LiveFeed(listeners)
-        rows = run_record(folder, settings, session.resume, benches, progress, remarks, feed)
+        progress = announcing(bar.showing(message), _note, fault)
+        rows = run_record(folder, settings, options.resume, benches, progress, remarks, listeners)
     wall_s = round(time.perf_counter() - began, 2)
     figures, text = _images(rows)
     say(f"{simulated}{text}, {wall_s:.1f} s")
-    about = {"wall_s": wall_s, "report": report_after(folder, session.no_report)}
-    print_result(session.json, {"session": str(folder), **figures, **about}, folder)
+    about = {"wall_s": wall_s, "report": report_after(folder, options.no_report)}
+    print_result(options.json, {"session": str(folder), **figures, **about}, folder)
 
 
-def _prepare(
-    context: typer.Context, what: RecordOptions, bench: BenchOptions, session: SessionOptions
-) -> "tuple[Path, RecordSettings]":
+def _prepare(context: typer.Context, options: RecordOptions) -> "tuple[Path, RecordSettings]":
     """Read the bench and the session to resume; return folder and settings. Raises `InputError`."""
     from protocols.grasps import find_grasp_file, grasp_poses
     from rig.config.objects import with_more
@@ -117,14 +109,15 @@ def _prepare(
     from rig.sessions.session import require_same
 
     # With --resume the manifest, which is read below, states whether the arm or a hand holds the object.
-    by_hand = what.by == "hand" or session.resume
-    config = bench_of(context, bench, session, "rig record --by hand" if by_hand else "rig record")
-    named = None if what.object_name is None else find_grasp_file(what.object_name, config.objects).id
-    folder, stored = continued(RecordManifest, "record", config.name, session, named)
+    by_hand = options.by == "hand" or options.resume
+    config = bench_of(context, options, "rig record --by hand" if by_hand else "rig record")
+    name = options.object_name
+    named = None if name is None else find_grasp_file(name, config.objects).id
+    folder, stored = continued(RecordManifest, "record", config.name, options, named)
     if stored is not None:
         config = with_more(config, stored.config.objects)
-        what, bench = resumed(what, stored, context), resumed(bench, stored, context)
-    if what.by == "arm":
+        options = resumed(options, stored, context)
+    if options.by == "arm":
         require_parts(config, "rig record")
     elif config.fakes is not None:
         raise InputError(
@@ -133,15 +126,17 @@ def _prepare(
         )
     else:
         config = config.fingertips_alone()  # so that no other device is used
-    if what.object_name is None:
+    if options.object_name is None:
         raise InputError("--object is missing: name the object to grasp")
-    grasps = find_grasp_file(what.object_name, config.objects)
-    poses = what.poses or len(grasp_poses(grasps))
+    grasps = find_grasp_file(options.object_name, config.objects)
     say(
-        f"{mark(config.simulated)}bench '{config.name}', seed {bench.seed}, "
+        f"{mark(config.simulated)}bench '{config.name}', seed {options.seed}, "
         f"object {grasps.id} {grasps.name}, session {folder}"
     )
-    settings = RecordSettings(config, bench.seed, grasps, poses, what.images, what.randomise, what.by)
+    poses = options.poses or len(grasp_poses(grasps))
+    settings = RecordSettings(
+        config, options.seed, grasps, poses, options.images, options.randomise, options.by
+    )
     if stored is not None:
         require_same(folder, stored, record_manifest(settings))
     return folder, settings

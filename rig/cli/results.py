@@ -109,9 +109,9 @@ def object_table(summary: "TrialSummary", simulated: str, react: str = "none") -
     columns = ("object", "lifts", "outcomes", "true turn", "phase B", "phases B and C", "answered")
     rows = [
         (
-            f"{each.object_id} {each.name}",
-            str(each.lifts),
-            ", ".join(f"{count} {name}" for name, count in each.outcomes.items()),
+            each.name,
+            str(each.lifts_accepted),
+            each.outcomes_text,
             each.turn_text,
             mare_text(each.mare_b),
             mare_text(each.mare),

@@ -12,13 +12,15 @@ import typer
 
 from drivers.errors import DeviceError, InputError, OperatorStopError, RecordingError, counted
 from rig.cli.common import Exit, print_result, say
-from rig.cli.options import BenchOptions, SessionOptions, WatchOptions
+from rig.cli.options import RunOptions, SessionOptions, WatchOptions
 from rig.cli.report import report_after
 from rig.declared import is_given
 from rig.terminal.onlookers import observed_by, report_to
+from rig.terminal.questions import ask
 from rig.terminal.screen import begin_phase
 
 if TYPE_CHECKING:
+    from rig.bench.operators import ConsoleOperator
     from rig.bench.plan import Plan
     from rig.config import BenchConfig
     from rig.live.feed import Listener
@@ -27,9 +29,7 @@ if TYPE_CHECKING:
 Wanted = TypeVar("Wanted", bound="Manifest")
 
 
-def bench_of(
-    context: typer.Context, bench: BenchOptions, session: SessionOptions, command: str
-) -> "BenchConfig":
+def bench_of(context: typer.Context, options: RunOptions, command: str) -> "BenchConfig":
     """Return the bench on the command line; for --resume with --out but without --bench the stored one.
 
     command: key of `rig.config.parts.NEEDS`. Raises `InputError` if a device that it needs is missing, and if
@@ -41,10 +41,10 @@ def bench_of(
     from rig.config.parts import require_parts
     from rig.sessions.manifest import BenchManifest, is_session, read_manifest
 
-    folder = session.out if session.resume and not is_given(context, "bench") else None
+    folder = options.out if options.resume and not is_given(context, "bench") else None
     manifest = None if folder is None or not is_session(folder) else read_manifest(folder)
     if folder is None or not isinstance(manifest, BenchManifest):
-        return bench.config(command)
+        return options.config(command)
     config, why = manifest.config, ""
     require_consistent(config, str(folder / "session.json"))
     if config.own_drivers:
@@ -57,12 +57,15 @@ def bench_of(
         )
     say(f"bench '{config.name}' as stored in {folder}")
     require_parts(config, command)
-    return config if bench.own_objects is None else with_objects(config, bench.bench, bench.own_objects)
+    return config if options.own_objects is None else with_objects(config, options.bench, options.own_objects)
 
 
-def agreed(context: typer.Context, bench: BenchOptions, config: "BenchConfig") -> bool:
-    """Return whether --yes answers the questions: on a real bench only if --bench names it."""
-    return bench.yes and (config.simulated or is_given(context, "bench"))
+def person_at(context: typer.Context, options: RunOptions, config: "BenchConfig") -> "ConsoleOperator":
+    """Return the operator of a session. On a real bench --yes counts only if --bench names it."""
+    from rig.bench.operators import ConsoleOperator
+
+    agreed = options.yes and (config.simulated or is_given(context, "bench"))
+    return ConsoleOperator(ask, agreed, feeder=config.feeder)
 
 
 def continued(
@@ -100,23 +103,21 @@ def named_again(estimator: str | None, stored: str | None) -> str | None:
     return estimator or stored
 
 
-def say_done(folder: Path, wanted: int) -> int:
-    """Print and return the number of finished lifts of a trial that is resumed. Raises `SessionError`."""
-    from rig.sessions.rows import read_lifts
+def lifts_done(folder: Path, wanted: int, jobs: int) -> tuple[int, float | None]:
+    """Print and return the number of finished lifts of a trial that is resumed. Raises `SessionError`.
 
-    done = sum(row.accepted for row in read_lifts(folder)) if _holds_results(folder) else 0
-    say(f"continuing {folder}: {done} of {counted(wanted, 'lift')} done")
-    return done
-
-
-def usual_lift_s(folder: Path, jobs: int) -> float | None:
-    """Return the mean time per finished lift in s, with `jobs` lifts in parallel; None without a lift."""
+    Also returns the mean time per finished lift in s, with `jobs` lifts in parallel; None without a lift.
+    """
     from statistics import fmean
 
     from rig.report.session import read_timing
+    from rig.sessions.rows import read_lifts
 
-    times_s = [timing.wall_s for timing in read_timing(folder)] if _holds_results(folder) else []
-    return fmean(times_s) / jobs if times_s else None
+    begun = _holds_results(folder)
+    done = sum(row.accepted for row in read_lifts(folder)) if begun else 0
+    say(f"continuing {folder}: {done} of {counted(wanted, 'lift')} done")
+    times_s = [timing.wall_s for timing in read_timing(folder)] if begun else []
+    return done, fmean(times_s) / jobs if times_s else None
 
 
 @contextmanager

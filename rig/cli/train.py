@@ -44,10 +44,6 @@ class TrainOptions:
     seed: SeedOption = 0
     resume: bool = option(False, "Continue the run in --out.")
     json: JsonOption = False
-
-
-@dataclass(frozen=True, slots=True)
-class NetworkOptions:
     arch: list[str] | None = option(
         None, "Network: ours, pspnet, deeplabv3plus or unetplusplus; repeat for more. Default: ours."
     )
@@ -103,7 +99,7 @@ class RunOptions:
         print_result(self.json, {"out": str(self.out), **card}, self.out / "model.onnx")
 
 
-def train(options: TrainOptions, networks: NetworkOptions) -> None:
+def train(options: TrainOptions) -> None:
     """Train segmentation networks for the contact, test them on other objects, and export them to ONNX.
 
     The folder OUT/NETWORK_FOLD then holds model.onnx (fp32), model.half.onnx (fp16), model.int8.onnx and
@@ -121,18 +117,18 @@ def train(options: TrainOptions, networks: NetworkOptions) -> None:
     from rig.training.networks import ARCHITECTURES, find_architecture
     from rig.training.run import TrainSettings, checked_units, train_all
 
-    data, architectures = options.data, ARCHITECTURES if options.everything else networks.arch or ["ours"]
+    data, architectures = options.data, ARCHITECTURES if options.everything else options.arch or ["ours"]
     settings = TrainSettings(
         data=data,
         architectures=tuple(map(find_architecture, architectures)),
         folds=tuple(map(find_fold, FOLDS if options.everything else options.fold or ["D_s3"])),
-        encoder=networks.encoder,
+        encoder=options.encoder,
         images=options.images,
-        epochs=networks.epochs or (PAPER_EPOCHS if networks.paper else EPOCHS),
-        paper=networks.paper,
+        epochs=options.epochs or (PAPER_EPOCHS if options.paper else EPOCHS),
+        paper=options.paper,
         seed=options.seed,
-        encoder_weights=networks.encoder_weights,
-        threads=networks.threads,
+        encoder_weights=options.encoder_weights,
+        threads=options.threads,
         units=checked_units(options.units),
     )
     say(f"{'SIMULATED frames' if data == 'simulated' else data}, seed {options.seed}, into {options.out}")
@@ -238,8 +234,9 @@ def estimators(json: JsonOption = False) -> None:
 
     found: list[dict[str, Any]] = [{"name": name, "from": "the rig", "class": None} for name in ESTIMATORS]
     for of in installed_classes(GROUP):
-        hidden = of.name in ESTIMATORS
-        found.append({"name": of.target if hidden else of.name, "from": of.distribution, "class": of.target})
+        name = of.value if of.name in ESTIMATORS else of.name
+        package = "" if of.dist is None else f"{of.dist.name} {of.dist.version}"
+        found.append({"name": name, "from": package, "class": of.value})
     if json:
         emit_json({"default": DEFAULT_ESTIMATOR, "estimators": found})
         return
@@ -302,7 +299,7 @@ def import_model(options: ImportOptions) -> None:
       rig segment frames/ --model authors.onnx --out masks
     """
     require_training()
-    from rig.training.checkpoint import import_checkpoint
+    from rig.training.export import import_checkpoint
     from rig.training.networks import find_architecture
 
     arch, out = find_architecture(options.arch), options.out

@@ -1,7 +1,7 @@
 """`rig trial`: lift objects, measure their rotation, and compare it with the markers."""
 
 import time
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -10,34 +10,31 @@ import typer
 
 from drivers.errors import counted
 from rig.cli.common import Exit, emit_json, mark, report_faults, say, trial_jobs
-from rig.cli.options import BenchOptions, SessionOptions, WatchOptions
+from rig.cli.options import RunOptions
 from rig.cli.report import report_after
 from rig.cli.results import trial_table
 from rig.cli.resuming import (
-    agreed,
     bench_of,
     continued,
     dry_run,
+    lifts_done,
     may_be_continued,
     named_again,
-    say_done,
-    usual_lift_s,
+    person_at,
     watched,
 )
 from rig.declared import option, resumed
 from rig.terminal.onlookers import announcing
-from rig.terminal.questions import ask
 from rig.terminal.screen import begin_phase
 
 if TYPE_CHECKING:
     from rig.bench.plan import Plan
     from rig.experiments.lift_plan import TrialSettings
     from rig.results.summary import TrialSummary
-    from rig.sessions.about import Remarks
 
 
-@dataclass(frozen=True, slots=True)
-class TrialOptions:
+@dataclass(frozen=True)
+class LiftOptions:
     lifts: int = option(5, "Accepted lifts per object.", min=1, max=1000, stored="lifts_per_object")
     objects: list[str] | None = option(
         None,
@@ -57,10 +54,6 @@ class TrialOptions:
         None, "Lifts in parallel on a simulated bench. Default: one per core.", min=1, max=64
     )
     live: bool = option(False, "Show images, markers, angles and arm in rerun (extra 'live').")
-
-
-@dataclass(frozen=True, slots=True)
-class EstimatorOptions:
     estimator: str | None = option(
         None,
         "slip, skeleton, ellipse, pca; the last three also with -published; ecc, "
@@ -80,10 +73,6 @@ class EstimatorOptions:
         stored="skip",
         read=lambda skip: not skip,
     )
-
-
-@dataclass(frozen=True, slots=True)
-class ReactionOptions:
     react: Literal["none", "stop", "tighten", "lower"] = option(
         "none",
         "Reaction to slip: stop the arm; tighten the grip and continue; or lower the object. "
@@ -108,15 +97,12 @@ class ReactionOptions:
     )
 
 
-def trial(
-    context: typer.Context,
-    what: TrialOptions,
-    estimator: EstimatorOptions,
-    reaction: ReactionOptions,
-    bench: BenchOptions,
-    session: SessionOptions,
-    watch: WatchOptions,
-) -> None:
+@dataclass(frozen=True)
+class TrialOptions(RunOptions, LiftOptions):
+    pass
+
+
+def trial(context: typer.Context, options: TrialOptions) -> None:
     """Lift each object several times, measure its rotation in the fingers, and compare it with the markers.
 
     Examples:
@@ -131,18 +117,19 @@ def trial(
     """
     from rig.sessions.rows import read_finished_lifts
 
-    lifting = _prepare(context, what, estimator, reaction, bench, session)
-    if bench.dry:
-        dry_run(lifting.settings.bench, lifting.plan(), session.json)
-    summary = _lift_all(context, lifting, bench, session, what.live, watch)
-    wall_s = time.perf_counter() - lifting.began
-    trial_table(summary, lifting.simulated, wall_s, session.json)
-    page = report_after(lifting.folder, session.no_report)
-    if session.json:
+    began = time.perf_counter()
+    lifting = _prepare(context, options)
+    if options.dry:
+        dry_run(lifting.settings.bench, lifting.plan(), options.json)
+    summary = _lift_all(context, lifting, began)
+    wall_s = time.perf_counter() - began
+    trial_table(summary, lifting.simulated, wall_s, options.json)
+    page = report_after(lifting.folder, options.no_report)
+    if options.json:
         figures = {**summary.as_json(), "wall_s": round(wall_s, 2), "report": page}
         emit_json({"session": str(lifting.folder), **figures})
     report_faults(row.estimator_faults for row in read_finished_lifts(lifting.folder) if row.estimator_faults)
-    reached, limit = summary.mare.mean_deg if summary.mare else float("inf"), what.max_mare
+    reached, limit = summary.mare.mean_deg if summary.mare else float("inf"), options.max_mare
     if limit is not None and reached > limit:
         say(f"rig: MARE {reached:.2f} degrees is above the limit of {limit:g} degrees (--max-mare)")
         raise typer.Exit(Exit.LIMIT_MISSED)
@@ -152,19 +139,17 @@ def trial(
 class _Trial:
     """A trial to begin or to resume.
 
-    began: start of the command on the clock of `perf_counter`, s. done: number of finished lifts. usual_s:
-    mean time per finished lift; None if there is none.
+    options: of a resumed trial the stored ones, unless others were given. done: number of finished lifts.
+    usual_s: mean time per finished lift; None if there is none.
     """
 
+    options: TrialOptions
     settings: "TrialSettings"
     folder: Path
     objects: list[str]
-    lifts: int
     jobs: int
-    remarks: "Remarks"
-    began: float
-    done: int = 0
-    usual_s: float | None = None
+    done: int
+    usual_s: float | None
 
     @property
     def simulated(self) -> str:
@@ -173,23 +158,16 @@ class _Trial:
 
     @property
     def wanted(self) -> int:
-        return len(self.objects) * self.lifts
+        return len(self.objects) * self.options.lifts
 
     def plan(self) -> "Plan":
         """Return the plan that is shown before anything moves. Raises `InputError`."""
         from rig.experiments.trial import trial_plan
 
-        return trial_plan(self.settings, self.objects, self.lifts)
+        return trial_plan(self.settings, self.objects, self.options.lifts)
 
 
-def _prepare(
-    context: typer.Context,
-    what: TrialOptions,
-    estimator: EstimatorOptions,
-    reaction: ReactionOptions,
-    bench: BenchOptions,
-    session: SessionOptions,
-) -> _Trial:
+def _prepare(context: typer.Context, options: TrialOptions) -> _Trial:
     """Read the bench and the session to resume; return the trial with its settings. Raises `InputError`."""
     from protocols.reaction import ReactionKind
     from rig.config.objects import with_more
@@ -200,51 +178,41 @@ def _prepare(
     from rig.sessions.session import require_same
     from rig.tactile.estimators import choose_estimator
 
-    began, remarks = time.perf_counter(), session.remarks()
-    config = bench_of(context, bench, session, "rig trial")
-    folder, stored = continued(TrialManifest, "trial", config.name, session)
+    options.remarks()  # an invalid one is reported first
+    config = bench_of(context, options, "rig trial")
+    folder, stored = continued(TrialManifest, "trial", config.name, options)
     if stored is not None:
         config = with_more(config, stored.config.objects)
-        named_again(estimator.estimator, stored.estimator)
-        what, bench = resumed(what, stored, context), resumed(bench, stored, context)
-        estimator, reaction = resumed(estimator, stored, context), resumed(reaction, stored, context)
-    choice = choose_estimator(estimator.estimator, estimator.window, not estimator.no_skip)
-    slip = SlipSettings(reaction.alarms_per_hour, reaction.max_turn_deg)
-    kind = ReactionKind(reaction.react)
-    settings = TrialSettings(config, bench.seed, choice, what.realtime, kind, slip)
-    objects = resolve_objects(what.objects, config.objects)
+        named_again(options.estimator, stored.estimator)
+        options = resumed(options, stored, context)
+    choice = choose_estimator(options.estimator, options.window, not options.no_skip)
+    slip = SlipSettings(options.alarms_per_hour, options.max_turn_deg)
+    kind = ReactionKind(options.react)
+    settings = TrialSettings(config, options.seed, choice, options.realtime, kind, slip)
+    objects = resolve_objects(options.objects, config.objects)
     require_reaction(settings, objects)
-    jobs = trial_jobs(what.jobs, config.in_process, what.realtime)
+    jobs = trial_jobs(options.jobs, config.in_process, options.realtime)
     if stored is not None:
-        require_same(folder, stored, trial_manifest(settings, objects, what.lifts))
-    trial = _Trial(settings, folder, objects, what.lifts, jobs, remarks, began)
-    reacting = "" if reaction.react == "none" else f", reaction to slip '{reaction.react}'"
+        require_same(folder, stored, trial_manifest(settings, objects, options.lifts))
+    reacting = "" if options.react == "none" else f", reaction to slip '{options.react}'"
     say(
-        f"{trial.simulated}bench '{config.name}', seed {bench.seed}, estimator {choice.name}"
+        f"{mark(config.simulated)}bench '{config.name}', seed {options.seed}, estimator {choice.name}"
         f"{reacting}, session {folder}"
     )
-    at_once = min(jobs, trial.wanted)
-    parallel = f", {at_once} at a time" if at_once > 1 else ""
+    wanted = len(objects) * options.lifts
+    parallel = f", {min(jobs, wanted)} at a time" if min(jobs, wanted) > 1 else ""
     say(
-        f"{counted(trial.wanted, 'lift')} of {counted(len(objects), 'object')}{parallel}; "
+        f"{counted(wanted, 'lift')} of {counted(len(objects), 'object')}{parallel}; "
         "the remaining time is shown from the first lift on"
     )
     begin_phase(f"preparing estimator {choice.name}")
     choice.try_making()
-    if stored is None:
-        return trial
-    return replace(trial, done=say_done(folder, trial.wanted), usual_s=usual_lift_s(folder, jobs))
+    done, usual_s = (0, None) if stored is None else lifts_done(folder, wanted, jobs)
+    return _Trial(options, settings, folder, objects, jobs, done, usual_s)
 
 
-def _lift_all(
-    context: typer.Context,
-    trial: _Trial,
-    bench: BenchOptions,
-    session: SessionOptions,
-    live: bool,
-    watch: WatchOptions,
-) -> "TrialSummary":
-    from rig.bench.operators import ConsoleOperator
+def _lift_all(context: typer.Context, trial: _Trial, began: float) -> "TrialSummary":
+    """Lift all objects; return the summary. began: start of the command on the clock of `perf_counter`, s."""
     from rig.bench.source import session_bench
     from rig.experiments.trial import run_trial
     from rig.live.session import live_session
@@ -254,36 +222,34 @@ def _lift_all(
     from rig.sessions.rows import read_lifts
     from rig.terminal.progress import OneMessage
 
-    folder, settings = trial.folder, trial.settings
-    config = settings.bench
+    folder, settings, options = trial.folder, trial.settings, trial.options
+    config, fault = settings.bench, attrgetter("fault")
 
     def show_partial() -> None:
         summary = summarize_trial(read_lifts(folder))
         say(f"{summary.lifts_accepted} of {counted(trial.wanted, 'lift')} are done")
         if summary.objects:
-            trial_table(summary, trial.simulated, time.perf_counter() - trial.began, session.json)
+            trial_table(summary, trial.simulated, time.perf_counter() - began, options.json)
 
     title = f"{trial.simulated}trial on bench '{config.name}', {folder}"
     question = f"{trial.plan().text()}\nBegin?"
-    person = ConsoleOperator(ask, agreed=agreed(context, bench, config))
-    person.feeder = config.feeder
-    message = OneMessage(lift_note, attrgetter("fault"))
+    person, message = person_at(context, options, config), OneMessage(lift_note, fault)
     with (
-        may_be_continued(folder, session, show_partial),
-        watched(context, watch, title, "lifts", trial.wanted, trial.done) as others,
+        may_be_continued(folder, options, show_partial),
+        watched(context, options, title, "lifts", trial.wanted, trial.done) as others,
         session_bench(config, person, question, settings.realtime) as benches,
-        live_session(live, others) as (feed, inbox),
+        live_session(options.live, others) as (listeners, inbox),
         TrialView(trial.wanted, inbox, message, trial.done, trial.usual_s) as view,
     ):
         return run_trial(
             folder,
             settings,
             trial.objects,
-            trial.lifts,
+            options.lifts,
             jobs=trial.jobs,
-            resume=session.resume,
+            resume=options.resume,
             benches=benches,
-            progress=announcing(view, lift_note, attrgetter("fault")),
-            live=feed,
-            remarks=trial.remarks,
+            progress=announcing(view, lift_note, fault),
+            live=listeners,
+            remarks=options.remarks(),
         )

@@ -1,6 +1,6 @@
 """Checks of a whole bench file: contradictory keys, missing keys of real benches, keys without effect."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 
 import numpy as np
 from pydantic import BaseModel
@@ -159,17 +159,11 @@ def _parts(config: BenchConfig) -> Iterator[KeyFault]:
     if config.has("arm") and not config.has("table"):
         yield ("table",), "is needed beside [arm]: write [table] with position_m, where objects are placed"
     if config.has("arm", "camera"):
-        for key in BESIDE_ARM:
-            if key not in config.camera.model_fields_set:
-                yield (
-                    ("camera", key),
-                    "is needed beside [arm]: write a point in its base, m, as [0.45, 0.0, 0.1]",
-                )
-    if config.has("gripper"):
-        for number, tactile in enumerate(config.tactile):
-            for key in BESIDE_GRIPPER:
-                if key not in tactile.model_fields_set:
-                    yield ("tactile", number, key), "is needed beside [gripper]: its finger, and the sign"
+        why = "is needed beside [arm]: write a point in its base, m, as [0.45, 0.0, 0.1]"
+        yield from _lacking(config.camera, ("camera",), dict.fromkeys(BESIDE_ARM, why))
+    for number, tactile in enumerate(config.tactile if config.has("gripper") else ()):
+        why = "is needed beside [gripper]: its finger, and the sign"
+        yield from _lacking(tactile, ("tactile", number), dict.fromkeys(BESIDE_GRIPPER, why))
     if config.fakes is not None and not (config.has("arm", "gripper", "camera") and len(config.tactile) == 2):
         yield ("fakes",), "supports only complete benches: [arm], [gripper], two [[tactile]] and [camera]"
 
@@ -242,20 +236,16 @@ def missing_keys(config: BenchConfig) -> Iterator[KeyFault]:
     if config.simulated or not config.has("arm"):
         return
     arm = config.arm
-    for key, write in ON_THE_FLANGE.items():
-        if key not in arm.model_fields_set:
-            yield ("arm", key), f"is required of a real arm, on whose controller it is set: write {write}"
+    why = "is required of a real arm, on whose controller it is set: write"
+    yield from _lacking(arm, ("arm",), {key: f"{why} {write}" for key, write in ON_THE_FLANGE.items()})
     if config.has("table") and config.table.top_m is None:
         yield ("table", "top_m"), "is required of a real bench: write the height of the table's top, as 0.02"
-    if "limits" not in arm.model_fields_set:
-        yield (
-            ("arm", "limits"),
-            f"is required of a real arm: write [arm.limits] with {', '.join(required_limits(arm))}",
-        )
-        return
-    for key, write in required_limits(arm).items():
-        if key not in arm.limits.model_fields_set:
-            yield ("arm", "limits", key), f"is required of a real arm: write {write}"
+    limits, why = required_limits(arm), "is required of a real arm: write"
+    if "limits" in arm.model_fields_set:
+        asked = {key: f"{why} {write}" for key, write in limits.items()}
+        yield from _lacking(arm.limits, ("arm", "limits"), asked)
+    else:
+        yield ("arm", "limits"), f"{why} [arm.limits] with {', '.join(limits)}"
 
 
 def unused_keys(config: BenchConfig) -> Iterator[KeyFault]:
@@ -346,6 +336,12 @@ def _unused_tactile(tactile: TactileConfig, where: KeyPath, config: BenchConfig)
         yield from _written(
             tactile, where, ["look_seed"], "varies a look, and no look is named: add it, or remove this"
         )
+
+
+def _lacking(table: BaseModel, where: KeyPath, whys: Mapping[str, str]) -> Iterator[KeyFault]:
+    for key, why in whys.items():
+        if key not in table.model_fields_set:
+            yield (*where, key), why
 
 
 def _written(table: BaseModel, where: KeyPath, keys: Iterable[str], why: str) -> Iterator[KeyFault]:

@@ -161,12 +161,7 @@ class CalibrationsInUse(BenchSection):
 
     def joined(self, other: "CalibrationsInUse") -> "CalibrationsInUse":
         """Return the union; values of `other` take precedence."""
+        pairs = {key: (value, getattr(other, key)) for key, value in self}
         return CalibrationsInUse(
-            files=self.files | other.files,
-            camera=other.camera or self.camera,
-            base_T_camera=other.base_T_camera or self.base_T_camera,
-            pixel_aspect=self.pixel_aspect | other.pixel_aspect,
-            time_shift_s=self.time_shift_s | other.time_shift_s,
-            opening=other.opening or self.opening,
-            gel=self.gel | other.gel,
+            **{key: a | b if isinstance(a, dict) else b or a for key, (a, b) in pairs.items()}
         )

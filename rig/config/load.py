@@ -10,8 +10,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from drivers.errors import FormatError, InputError, counted, nearest, unknown_name
-from drivers.formats import parse_toml, read_text, shown
-from drivers.formats.structured import MOST_TOML_BYTES
+from drivers.formats import MOST_TOML_BYTES, parse_toml, read_text, shown
 from rig.config.checks import inconsistencies, missing_keys, unused_keys
 from rig.config.fields import KeyFault, KeyPath
 from rig.config.models import BenchConfig, known_keys

@@ -9,8 +9,7 @@ from pathlib import Path
 from pydantic import ValidationError
 
 from drivers.errors import InputError, nearest
-from drivers.formats import parse_toml, read_text
-from drivers.formats.structured import MOST_TOML_BYTES
+from drivers.formats import MOST_TOML_BYTES, parse_toml, read_text
 from protocols.grasps import OBJECTS_FOLDER, GraspFile, PlainBody, Position, load_grasp_files
 from rig.config.load import line_of, validation_text, write_new
 from rig.config.models import BenchConfig

@@ -1,6 +1,8 @@
 """The doctor's checks of the arm and the gripper: connection, state, timing. Nothing moves."""
 
 import math
+from collections.abc import Callable
+from typing import TypeVar
 
 import numpy as np
 
@@ -22,16 +24,16 @@ several requests each."""
 DRIFT_PPM = 200.0
 """Highest accepted drift between the controller's clock and this computer's."""
 
+Answer = TypeVar("Answer")
+
 
 def look_at_arm(bench: Bench, config: ArmConfig, duration_s: float) -> list[Finding]:
     """Connect, identify, and measure the state stream for a while; the arm stays connected."""
-    began = bench.clock.now_ns()
-    try:
-        bench.arm.connect()
-        state = bench.arm.state()
-    except RigError as error:
-        return [unreachable("arm", error)]
-    findings = [reached("arm", bench.arm, (bench.clock.now_ns() - began) / NS_PER_S), _mode(state.mode)]
+    findings: list[Finding] = []
+    state = connected("arm", bench.arm, bench.arm.state, bench.clock, findings)
+    if state is None:
+        return findings
+    findings.append(_mode(state.mode))
     if not config.force_sensor:
         todo = "keep a hand on the emergency stop: the way down is not guarded"
         findings.append(Finding("arm", "force sensor", Severity.WARNING, "none", todo))
@@ -45,13 +47,10 @@ def look_at_arm(bench: Bench, config: ArmConfig, duration_s: float) -> list[Find
 
 def look_at_gripper(bench: Bench, duration_s: float) -> list[Finding]:
     """Connect, identify, and time requests for a while; the gripper is not activated."""
-    began = bench.clock.now_ns()
-    try:
-        bench.gripper.connect()
-        state = bench.gripper.state()
-    except RigError as error:
-        return [unreachable("gripper", error)]
-    findings = [reached("gripper", bench.gripper, (bench.clock.now_ns() - began) / NS_PER_S)]
+    findings: list[Finding] = []
+    state = connected("gripper", bench.gripper, bench.gripper.state, bench.clock, findings)
+    if state is None:
+        return findings
     activated = "activated" if state.activated else "not activated (each trial asks first)"
     seen = f"{activated}, fingers {1e3 * state.opening_m:.1f} mm apart"
     findings.append(Finding("gripper", "state", Severity.GOOD if state.activated else Severity.NOTE, seen))
@@ -64,18 +63,28 @@ def look_at_gripper(bench: Bench, duration_s: float) -> list[Finding]:
         return [*findings, Finding("gripper", "requests", Severity.FAILURE, str(error))]
 
 
-def unreachable(device: str, error: RigError) -> Finding:
-    """Return the finding of a device that does not answer; the driver's message contains the advice."""
-    seen, _, todo = str(error).partition("; ")
-    return Finding(device, "reached", Severity.FAILURE, seen, todo or "check power, cable and address")
+def connected(
+    device: str, driver: Device, read: Callable[[], Answer], clock: Clock, findings: list[Finding]
+) -> Answer | None:
+    """Connect a device, and return its first answer; None if it has none.
 
-
-def reached(device: str, driver: Device, took_s: float) -> Finding:
-    """Return the finding of a device that answers, with its identity."""
-    identity = driver.identity()
+    findings: gets the device's identity, or its driver's message, which contains the advice.
+    """
+    began = clock.now_ns()
+    try:
+        driver.connect()
+        answer = read()
+    except RigError as error:
+        seen, _, todo = str(error).partition("; ")
+        todo = todo or "check power, cable and address"
+        findings.append(Finding(device, "reached", Severity.FAILURE, seen, todo))
+        return None
+    took_s, identity = (clock.now_ns() - began) / NS_PER_S, driver.identity()
     text = ", ".join(f"{key} {value}" for key, value in identity.items() if value)
     seen = f"after {took_s:.2f} s" + (f": {text}" if text else "")
-    return Finding(device, "reached", Severity.GOOD, seen, figures={"connect_s": took_s, **identity})
+    figures = {"connect_s": took_s, **identity}
+    findings.append(Finding(device, "reached", Severity.GOOD, seen, figures=figures))
+    return answer
 
 
 def _mode(mode: ArmMode) -> Finding:

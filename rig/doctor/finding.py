@@ -59,7 +59,6 @@ def percentiles_ms(durations_s: ArrayLike) -> dict[str, float]:
 
 
 def percentiles_text(figures: Mapping[str, float]) -> str:
-    """Return percentiles as text."""
     return "p50/p95/p99/max {p50_ms:.1f}/{p95_ms:.1f}/{p99_ms:.1f}/{max_ms:.1f} ms".format(**figures)
 
 

@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,7 @@ from drivers.images import encode_png
 from drivers.interfaces import FrameSource
 from drivers.tally import FrameTally
 from drivers.types import Frame
-from rig.doctor.actuators import reached, unreachable
+from rig.doctor.actuators import connected
 from rig.doctor.finding import Finding, Severity, judged, percentiles_ms, percentiles_text
 
 RATE_SHARE = 0.97
@@ -51,17 +52,12 @@ def look_at_streams(
     sizes_px: width and height in the bench file, by serial. snapshot: folder in which the last frame of each
     source is saved as SERIAL.png; None saves none.
     """
-    findings, opened = [], []
+    findings: list[Finding] = []
+    opened = []
     for source in sources:
-        began = clock.now_ns()
-        try:
-            source.connect()
-            source.next_frame(FIRST_FRAME_S)
-        except RigError as error:
-            findings.append(unreachable(source.serial, error))
-            continue
-        findings.append(reached(source.serial, source, (clock.now_ns() - began) / NS_PER_S))
-        opened.append(source)
+        first = partial(source.next_frame, FIRST_FRAME_S)
+        if connected(source.serial, source, first, clock, findings) is not None:
+            opened.append(source)
     with ThreadPoolExecutor(max(len(opened), 1)) as pool:
         looks = list(pool.map(lambda source: _watched(source, clock, duration_s), opened))
     for source, stream in zip(opened, looks, strict=True):

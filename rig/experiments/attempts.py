@@ -18,9 +18,8 @@ from rig.experiments.process_pool import run_tasks
 from rig.sessions.codec import Codec
 from rig.sessions.files import recording_file
 from rig.sessions.manifest import Manifest
-from rig.sessions.records import Lift, PoseRow
+from rig.sessions.records import Lift, PoseRow, TimingLine
 from rig.sessions.session import Session, open_session
-from rig.sessions.timing import TimingLine
 
 MAX_FAULTS_IN_A_ROW = 3
 """Consecutive faults after which a run ends."""
@@ -104,7 +103,10 @@ def run_session(
             if benches is not None:
                 benches.begin()
             session.keep()
-            left = _left_to_do(run.tasks, session.rows)
+            done = {row.number for row in session.rows if row.accepted}
+            made = Counter(row.number for row in session.rows)
+            tasks = (replace(task, attempt=made[task.number]) for task in run.tasks)
+            left = [task for task in tasks if task.number not in done]
             if resume and benches is not None and left:
                 benches.place_first(left[0].object_id, _why_displaced(session, run.tasks, left[0]))
             _repeat_until_accepted(session, left, run, run.prepare(session, len(left)), progress, jobs)
@@ -115,13 +117,6 @@ def run_session(
         if unfinished or not (session.folder / name).exists():
             session.write(name, table(session.rows))
         return session.rows
-
-
-def _left_to_do(tasks: Iterable[Piece], rows: Sequence[Row]) -> list[Piece]:
-    """Return the unfinished tasks, each with the number of attempts already made."""
-    done = {row.number for row in rows if row.accepted}
-    made = Counter(row.number for row in rows)
-    return [replace(task, attempt=made[task.number]) for task in tasks if task.number not in done]
 
 
 def _why_displaced(session: Session[Row], tasks: Iterable[Task], first: Task) -> str:
@@ -153,7 +148,13 @@ def _repeat_until_accepted(
     done = sum(row.accepted for row in session.rows)
     total, faults, kinds = done + len(tasks), 0, set[str]()
     for task, attempt in run_tasks(work, tasks, jobs):
-        _keep(session, attempt)
+        # files first and the row last: a row in the results means that all its files exist
+        for name, data in attempt.files.items():
+            if isinstance(data, Path):
+                session.adopt(name, data)
+            else:
+                session.write(name, data)
+        session.add(attempt.row, attempt.timing)
         if attempt.fault is None:
             done, faults, kinds = done + 1, 0, set()
             if attempt.warning is not None:
@@ -176,13 +177,3 @@ def fault_text(error: Exception) -> str:
     """Return what failed, and in which state the bench was left."""
     notes = "; ".join(getattr(error, "__notes__", []))
     return f"{type(error).__name__}: {error}" + (f" [{notes}]" if notes else "")
-
-
-def _keep(session: Session[Row], attempt: Attempt[Row]) -> None:
-    """Store files first and the row last: a row in the results means that all its files exist."""
-    for name, data in attempt.files.items():
-        if isinstance(data, Path):
-            session.adopt(name, data)
-        else:
-            session.write(name, data)
-    session.add(attempt.row, attempt.timing)

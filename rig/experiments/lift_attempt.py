@@ -1,6 +1,7 @@
 """Execute one attempt at a lift, from its plan to its row. Runs in a worker process."""
 
 import time
+from collections.abc import Sequence
 from contextlib import closing, nullcontext
 from dataclasses import replace
 from pathlib import Path
@@ -19,15 +20,13 @@ from rig.experiments.lift_plan import LiftTask, TrialSettings, new_measurement, 
 from rig.lift.recording import FrameDelays, LiftObservers, OutlineObserver
 from rig.lift.result import lift_result, stage_times
 from rig.lift.slip_watch import SlipWatch
-from rig.live.feed import NOBODY, LiveFeed
+from rig.live.feed import Listener
 from rig.live.observer import LiveObserver
 from rig.sessions.about import SIMULATED_EPOCH_NS, RecordingAbout
 from rig.sessions.manifest import SCHEMA_VERSION
 from rig.sessions.recorder import LiftRecorder
-from rig.sessions.records import Lift
-from rig.sessions.timing import LiftTiming
+from rig.sessions.records import Lift, LiftTiming
 from rig.sessions.unfinished import completed, new_recording
-from rig.tactile.angles import Angles
 from rig.version import VERSION
 
 IN_METADATA = (
@@ -40,7 +39,7 @@ def attempt_lift(
     settings: TrialSettings,
     task: LiftTask,
     benches: BenchSource | None = None,
-    live: LiveFeed = NOBODY,
+    live: Sequence[Listener] = (),
     folder: Path | None = None,
 ) -> Attempt[Lift]:
     """Execute one lift and evaluate it.
@@ -58,9 +57,8 @@ def attempt_lift(
     recorder = None if file is None else LiftRecorder(file, _about(settings, lift))
     measurement = new_measurement(settings)
     reaction = _reaction(settings, task, measurement.watch)
-    shown = LiveObserver(measurement, live, lift) if live.listeners else None
+    shown = LiveObserver(measurement, live, lift) if live else None
     delays: FrameDelays | None = None
-    angles: dict[str, Angles] = {}
     with completed(recorder, file) if recorder and file else nullcontext():
         try:
             with (
@@ -80,10 +78,9 @@ def attempt_lift(
             lift = replace(lift, fault=fault_text(error), bench_s=delays.spent_s() if delays else 0.0)
         else:
             lift = replace(lift, bench_s=delays.spent_s())
-            lift, angles = lift_result(measurement, lift)
-            lift = replace(lift, clock_rates=delays.clock_rates() or None)
+            lift = replace(lift_result(measurement, lift), clock_rates=delays.clock_rates() or None)
         if recorder:
-            for series in angles.values():
+            for series in (lift.angles or {}).values():
                 recorder.angles(series)
         if lift.displaced:
             benches.displaced()
@@ -95,7 +92,7 @@ def attempt_lift(
         capture_to_angle=(delays.latency() if delays else None) or None,
     )
     files = {task.recording: file.path} if file else {}
-    return Attempt(lift, timing, files, "; ".join(lift.warnings) or None)
+    return Attempt(replace(lift, angles=None), timing, files, "; ".join(lift.warnings) or None)
 
 
 def _about(settings: TrialSettings, lift: Lift) -> RecordingAbout:

@@ -7,7 +7,7 @@ stores its polygons beside the images.
 import time
 from collections.abc import Callable, Sequence
 from contextlib import closing
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Literal
@@ -19,12 +19,10 @@ from drivers.errors import DeviceError, InputError, SessionError
 from drivers.images import encode_png, load_image
 from drivers.types import Frame, Image, Pose
 from protocols.grasps import GraspFile, GraspPose, grasp_poses
-from protocols.home import home_plan
 from protocols.observer import LiftEvents
 from protocols.readiness import free_hand, make_ready
 from protocols.record_grasps import (
     CaptureObserver,
-    HandObserver,
     HandPose,
     PosePlan,
     record_pose,
@@ -32,7 +30,7 @@ from protocols.record_grasps import (
     record_reference,
     record_untouched,
 )
-from protocols.steps import TRAVEL_SPEED_M_S, way_to
+from protocols.steps import TRAVEL_SPEED_M_S, home_plan, way_to
 from rig.bench.assembly import home_pose, simulated_layout, true_masks
 from rig.bench.plan import Plan, PlannedMotion, make_plan
 from rig.bench.source import BenchSource, FreshBenches
@@ -40,25 +38,19 @@ from rig.bench.twins import plain_notes, refuse_undrawn
 from rig.config import BenchConfig
 from rig.experiments.attempts import Attempt, Progress, Run, Task, fault_text, run_session
 from rig.experiments.lift_plan import derived_seed, grasp_pose, refuse_impossible
-from rig.live.feed import NOBODY, LiveFeed
+from rig.live.feed import Listener
 from rig.live.observer import PictureSender
 from rig.sessions.about import NO_REMARKS, Remarks
 from rig.sessions.files import reference_file, true_mask_file
 from rig.sessions.manifest import RecordManifest, begun_on
-from rig.sessions.records import POSES, PoseImage, PoseRow
+from rig.sessions.records import IMAGE_COLUMNS, POSES, PoseImage, PoseRow, PoseTiming, image_lines
 from rig.sessions.session import Session
 from rig.sessions.table_files import csv_bytes
-from rig.sessions.timing import PoseTiming
 from rig.tactile.contact.background import mean_background
 from rig.tactile.contact.finder import ContactFinder
 from rig.tactile.contact.gate import TouchDebounce
 from rig.terminal.screen import begin_phase
 
-COLUMNS = {
-    "file": str, "pose": int, "position": str, "orientation_deg": float, "grip_counts": int, "serial": str,
-    "time_s": float, "contact_area_px": float,
-}  # fmt: skip
-"""Columns of the table of images, `images.csv`, with their types."""
 GRIPS_PER_POSE = 5
 """Most different grips of one pose."""
 FRAMES_APART = 3
@@ -83,7 +75,6 @@ class RecordSettings:
 
     @property
     def variation_seed(self) -> int | None:
-        """Seed of the sensors; None for the bench's own."""
         return derived_seed(self.seed, "sensors") if self.randomise else None
 
 
@@ -146,7 +137,7 @@ def run_record(
     benches: BenchSource | None = None,
     progress: Progress[PoseRow] = lambda done, total, row: None,
     remarks: Remarks = NO_REMARKS,
-    live: LiveFeed = NOBODY,
+    live: Sequence[Listener] = (),
 ) -> list[PoseRow]:
     """Record the unfinished poses; return the rows of all attempts.
 
@@ -166,7 +157,7 @@ def run_record(
         codec=POSES,
         tasks=_all_tasks(settings),
         prepare=prepare,
-        table=("images.csv", _images_csv),
+        table=("images.csv", lambda rows: csv_bytes(IMAGE_COLUMNS, image_lines(rows))),
         logged=lambda row: f"pose {row.pose}: {len(row.images)} images",
     )
     return run_session(folder, run, resume, benches, progress)
@@ -220,10 +211,6 @@ def _references(
     return finders
 
 
-def _images_csv(rows: Sequence[PoseRow]) -> bytes:
-    return csv_bytes(COLUMNS, ({**vars(row), **asdict(image)} for row in rows for image in row.images))
-
-
 def hand_pose(settings: RecordSettings, task: PoseTask) -> HandPose:
     """Plan one pose pressed by hand. Raises `InputError` if a simulated bench cannot draw the object."""
     grasps, place = settings.grasps, task.pose.position
@@ -262,7 +249,7 @@ def attempt_pose(
     finders: dict[str, ContactFinder],
     benches: BenchSource,
     task: PoseTask,
-    live: LiveFeed = NOBODY,
+    live: Sequence[Listener] = (),
 ) -> Attempt[PoseRow]:
     """Record one pose. A device failure gives a row that is not accepted; no other error is caught.
 
@@ -273,7 +260,7 @@ def attempt_pose(
     plan = hand_pose(settings, task) if settings.by == "hand" else arm_pose(settings, task)
     fault: str | None = None
     with closing(PictureSender(live)) as pictures:
-        observer = PoseCapture(finders, shown=pictures if live.pictures else None)
+        observer = PoseCapture(finders, shown=pictures if live else None)
         try:
             with benches.for_lift(seed, task.name, task.attempt) as (bench, operator):
                 observer.true_masks = true_masks(bench)
@@ -334,7 +321,7 @@ def _images(
 
 
 @dataclass(slots=True)
-class PoseCapture(CaptureObserver, HandObserver):
+class PoseCapture(CaptureObserver):
     """An observer that captures images with contact, alternately from each fingertip or from one alone.
 
     taken: frames with their grip in steps beyond first contact (None: pressed by hand) and contact area, px.
@@ -355,11 +342,8 @@ class PoseCapture(CaptureObserver, HandObserver):
     _touches: dict[str, TouchDebounce] = field(default_factory=dict)
     _last: dict[str, int] = field(default_factory=dict)
 
-    def want(self, images: int, grip_steps: int) -> None:
-        self._wanted, self._grip_steps, self._serial = len(self.taken) + images, grip_steps, None
-
-    def want_of(self, serial: str, images: int) -> None:
-        self._wanted, self._grip_steps, self._serial = len(self.taken) + images, None, serial
+    def want(self, images: int, grip_steps: int | None = None, serial: str | None = None) -> None:
+        self._wanted, self._grip_steps, self._serial = len(self.taken) + images, grip_steps, serial
 
     def satisfied(self) -> bool:
         return len(self.taken) >= self._wanted

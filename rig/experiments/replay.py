@@ -6,7 +6,7 @@ the others continue.
 """
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
@@ -22,12 +22,11 @@ from rig.results.table import COLUMNS, REPLAYS, broken_row, session_cells, table
 from rig.sessions.manifest import ReplayManifest, TrialManifest, begun, read_manifest
 from rig.sessions.reading import show_again
 from rig.sessions.recording_file import Gaps, gaps_text
-from rig.sessions.records import Lift
+from rig.sessions.records import Lift, ReplayTiming
 from rig.sessions.rows import read_usable_lifts
 from rig.sessions.session import open_session
 from rig.sessions.table_files import Line, csv_bytes, has_parquet, parquet_bytes
-from rig.sessions.timing import ReplayTiming
-from rig.tactile.angles import FUSED, Angles
+from rig.tactile.angles import FUSED
 from rig.tactile.estimators import choose_estimator
 
 Key = tuple[str, int | None, int | None]
@@ -62,8 +61,7 @@ def run_replay(
     usable = read_usable_lifts(folder)
     stored, problems = {row.number: row for row in usable.lifts}, list(usable.problems)
     rows: dict[int, Lift] = {}
-    work = partial(replay_around_gaps, folder, settings)
-    for _, (row, problem) in run_tasks(work, list(stored.values()), jobs):
+    for _, (row, problem) in run_tasks(partial(replay_lift, folder, settings), list(stored.values()), jobs):
         if problem is not None:
             problems.append(problem)
         if row is not None:
@@ -76,38 +74,26 @@ def run_replay(
     return Replay(summarize_trial(in_order), in_order, identical, tuple(problems))
 
 
-def replay_around_gaps(folder: Path, settings: TrialSettings, row: Lift) -> tuple[Lift | None, str | None]:
-    """Replay one recorded lift; return its row, and the unreadable part of its recording, if any."""
-    gaps, path = Gaps(), folder / row.recording
-    try:
-        again, _ = replay_with_angles(folder, settings, row, gaps)
-    except RigError as error:
-        return None, gaps_text(path, gaps, error) if gaps else str(error)
-    return again, gaps_text(path, gaps) if gaps else None
+def replay_lift(
+    folder: Path, settings: TrialSettings, row: Lift, around_gaps: bool = True
+) -> tuple[Lift | None, str | None]:
+    """Replay one recorded lift.
 
-
-def replay_or_problem(folder: Path, settings: TrialSettings, row: Lift) -> tuple[Lift, Angles] | str:
-    """Replay one lift as `replay_with_angles`; return the reason if its recording is damaged."""
-    try:
-        return replay_with_angles(folder, settings, row)
-    except RigError as error:
-        return str(error)
-
-
-def replay_with_angles(
-    folder: Path, settings: TrialSettings, row: Lift, gaps: Gaps | None = None
-) -> tuple[Lift, Angles]:
-    """Replay one recorded lift; return its row with the measured part computed again, and its fused angles.
-
-    gaps: list to which damaged parts of the recording are added; they are then skipped. Raises
-    `SessionError`.
+    Returns its row with the measured part computed again and with its fused angles, None if its recording
+    cannot be read, and the unreadable part of the recording, if any. around_gaps: use the rest of a recording
+    that is damaged in part.
     """
+    gaps, path = Gaps() if around_gaps else None, folder / row.recording
     compute_in_one_thread()
     measurement = new_measurement(settings)
     known_ns = {name: round(time_s * NS_PER_S) for name, time_s in row.phases_s.items()}
-    show_again(folder / row.recording, measurement, known_ns, gaps)
-    again, angles = lift_result(measurement, row)
-    return again, angles[FUSED]
+    try:
+        show_again(path, measurement, known_ns, gaps)
+        again = lift_result(measurement, row)
+    except RigError as error:
+        return None, gaps_text(path, gaps, error) if gaps else str(error)
+    fused = replace(again, angles={FUSED: again.estimate})
+    return fused, gaps_text(path, gaps) if gaps else None
 
 
 @dataclass(frozen=True, slots=True)
@@ -212,7 +198,7 @@ def replay_task(task: ReplayTask) -> Line:
     """Replay one lift; return its row of the table, with the problem if it cannot be read completely."""
     trial, choice = task.trial, task.trial.settings.estimator
     about = session_cells(str(trial.folder), trial.manifest, choice.name, choice.window)
-    row, problem = replay_around_gaps(trial.folder, trial.settings, task.row)
+    row, problem = replay_lift(trial.folder, trial.settings, task.row)
     if row is None:
         return unread_row(about, task.row, problem or "")
     return table_row(about, row, row == task.row if trial.own_estimator else None, problem)

@@ -8,9 +8,8 @@ from pathlib import Path
 from drivers.errors import InputError
 from drivers.types import Pose
 from protocols.grasps import TRIAL_OBJECTS, GraspFile, find_grasp_file
-from protocols.home import home_plan
 from protocols.slip_trial import LIFT_S
-from protocols.steps import TRAVEL_SPEED_M_S, way_to
+from protocols.steps import TRAVEL_SPEED_M_S, home_plan, way_to
 from rig.bench.assembly import home_pose
 from rig.bench.plan import Plan, PlannedMotion, make_plan
 from rig.bench.source import BenchSource
@@ -25,7 +24,7 @@ from rig.experiments.lift_plan import (
     plan_lift,
     require_reaction,
 )
-from rig.live.feed import NOBODY, LiveFeed
+from rig.live.feed import Listener
 from rig.results.summary import TrialSummary, summarize_trial
 from rig.results.table import lifts_csv
 from rig.sessions.about import NO_REMARKS, Remarks
@@ -100,7 +99,7 @@ def run_trial(
     resume: bool = False,
     benches: BenchSource | None = None,
     progress: Progress[Lift] = lambda done, total, row: None,
-    live: LiveFeed = NOBODY,
+    live: Sequence[Listener] = (),
     remarks: Remarks = NO_REMARKS,
 ) -> TrialSummary:
     """Run a trial, or the unfinished part of it, and return its summary.

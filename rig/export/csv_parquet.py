@@ -7,7 +7,7 @@ B. Quaternions are xyzw, poses `base_T_tcp` in m, forces in N and torques in N m
 
 from bisect import bisect_right
 from collections.abc import Callable, Iterator
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict
 
 from drivers.clock import NS_PER_S
 from drivers.errors import SessionError
@@ -19,7 +19,7 @@ from rig.results.table import COLUMNS as LIFT_COLUMNS
 from rig.results.table import session_cells, table_row
 from rig.sessions.manifest import TrialManifest
 from rig.sessions.reading import RecordedAngle, RecordedGripper, RecordedJoints, phase_times
-from rig.sessions.records import Lift
+from rig.sessions.records import IMAGE_COLUMNS, Lift, image_lines
 from rig.sessions.table_files import Columns, Line, csv_bytes, parquet_bytes
 
 WHEN: Columns = {
@@ -40,23 +40,10 @@ GRIPPER_COLUMNS: Columns = {
 FRAME_COLUMNS: Columns = {**WHEN, "source": str, "sequence": int}
 POSE_COLUMNS: Columns = {
     "session": str, "pose": int, "attempt": int, "position": str, "orientation_deg": float,
-    "accepted": bool, "fault": str,
-    "rejected_frames": int, "images": int, "seed": int, "simulated": bool,
+    "accepted": bool, "fault": str, "rejected_frames": int, "images": int, "seed": int, "simulated": bool,
 }  # fmt: skip
-IMAGE_COLUMNS: Columns = {
-    "session": str, "file": str, "pose": int, "position": str, "orientation_deg": float, "grip_counts": int,
-    "serial": str,
-    "time_s": float, "contact_area_px": float,
-}  # fmt: skip
-
-
-@dataclass(frozen=True, slots=True)
-class ExportTable:
-    """A table to export, with its rows."""
-
-    name: str
-    columns: Columns
-    lines: list[Line] = field(default_factory=list)
+Tables = dict[str, tuple[Columns, list[Line]]]
+"""Tables to export by name: their columns and rows."""
 
 
 def export_csv(request: ExportRequest) -> Exported:
@@ -80,28 +67,40 @@ def export_parquet(request: ExportRequest) -> Exported:
 
 
 def _export(request: ExportRequest, suffix: str, written: Callable[[Columns, list[Line]], bytes]) -> Exported:
-    manifest = request.manifest
-    trial = isinstance(manifest, TrialManifest)
-    tables = _trial_tables(request, manifest) if trial else _recording_tables(request)
-    for table in tables:
-        (request.out / f"{table.name}.{suffix}").write_bytes(written(table.columns, table.lines))
+    manifest, session = request.manifest, request.session.name
+    if isinstance(manifest, TrialManifest):
+        tables: Tables = _trial_tables(request, manifest)
+    else:
+        poses = [{"session": session, **vars(pose), "images": len(pose.images)} for pose in request.poses]
+        images = [{"session": session, **line} for line in image_lines(request.accepted_poses)]
+        tables = {
+            "poses": (POSE_COLUMNS, poses),
+            "images": ({"session": str, **IMAGE_COLUMNS}, images),
+        }
+    for name, table in tables.items():
+        (request.out / f"{name}.{suffix}").write_bytes(written(*table))
     mark = simulated_mark(manifest).strip()
-    return Exported({table.name: len(table.lines) for table in tables}, (mark,) if mark else ())
+    return Exported({name: len(lines) for name, (_, lines) in tables.items()}, (mark,) if mark else ())
 
 
-def _trial_tables(request: ExportRequest, manifest: TrialManifest) -> list[ExportTable]:
+def _trial_tables(request: ExportRequest, manifest: TrialManifest) -> Tables:
     about = session_cells(request.session.name, manifest, manifest.estimator, manifest.window)
-    lifts = [table_row(about, lift, problem=lift.fault) for lift in request.lifts]
-    tables = {
-        RecordedAngle: ExportTable("angles", ANGLE_COLUMNS),
-        RecordedJoints: ExportTable("arm", ARM_COLUMNS),
-        RecordedGripper: ExportTable("gripper", GRIPPER_COLUMNS),
-        bytes: ExportTable("frames", FRAME_COLUMNS),
-    }
+    lines: dict[type, list[Line]] = {kind: [] for kind in _TABLES}
     for row in request.finished_lifts:
         for kind, line in _lines_of(request, row):
-            tables[kind].lines.append(line)
-    return [ExportTable("lifts", LIFT_COLUMNS, lifts), *tables.values()]
+            lines[kind].append(line)
+    lifts = [table_row(about, lift, problem=lift.fault) for lift in request.lifts]
+    others = {name: (columns, lines[kind]) for kind, (name, columns) in _TABLES.items()}
+    return {"lifts": (LIFT_COLUMNS, lifts), **others}
+
+
+_TABLES: dict[type, tuple[str, Columns]] = {
+    RecordedAngle: ("angles", ANGLE_COLUMNS),
+    RecordedJoints: ("arm", ARM_COLUMNS),
+    RecordedGripper: ("gripper", GRIPPER_COLUMNS),
+    bytes: ("frames", FRAME_COLUMNS),
+}
+"""Name and columns of the table of each kind of message."""
 
 
 def _lines_of(request: ExportRequest, row: Lift) -> Iterator[tuple[type, Line]]:
@@ -134,14 +133,3 @@ def _lines_of(request: ExportRequest, row: Lift) -> Iterator[tuple[type, Line]]:
         else:
             line |= {"sequence": message.sequence} if isinstance(value, bytes) else asdict(value)
         yield type(value), line
-
-
-def _recording_tables(request: ExportRequest) -> list[ExportTable]:
-    session = {"session": request.session.name}
-    poses: list[Line] = [{**session, **asdict(pose), "images": len(pose.images)} for pose in request.poses]
-    images: list[Line] = [
-        {**session, **asdict(pose), **asdict(image)}
-        for pose in request.accepted_poses
-        for image in pose.images
-    ]
-    return [ExportTable("poses", POSE_COLUMNS, poses), ExportTable("images", IMAGE_COLUMNS, images)]

@@ -100,7 +100,7 @@ def export_coco(request: ExportRequest) -> Exported:
     """Write `images/` and `annotations.json`. Raises `SessionError` for a damaged session."""
     labelled, notes = [], Counter[str]()
     for image in _kept(request, notes, "images"):
-        labelled.append(LabelledImage(image.name, image.size, LABEL, mask_polygons(image.mask)))
+        labelled.append(LabelledImage(image.name, image.size, mask_polygons(image.mask)))
     said = _said(request, notes)
     document = coco_document(labelled, f"{request.session.name}; {'; '.join(said)}")
     (request.out / "annotations.json").write_text(json.dumps(document))

@@ -13,7 +13,7 @@ import math
 import operator
 from bisect import bisect_right
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypedDict
 
@@ -42,11 +42,6 @@ FILES_PER_CHUNK = 1000
 DATA_PATH = "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
 EPISODES_PATH = "meta/episodes/chunk-000/file-000.parquet"
 ANGLE_NAMES = ["angle_deg", "sigma_deg", "known"]
-SCALARS = {"angle.truth_deg": "float32", "angle.truth_known": "bool"}
-COUNTERS = {
-    "timestamp": "float32",
-    **dict.fromkeys(("frame_index", "episode_index", "index", "task_index"), "int64"),
-}
 EVERY_IMAGE = 30
 """Every Nth image is included in the statistics."""
 CARD = """# {session}
@@ -73,15 +68,6 @@ class StoredJpeg(TypedDict):
 
     bytes: bytes
     path: str
-
-
-@dataclass(frozen=True, slots=True)
-class Feature:
-    """A column of the data set. names: names of the components; None for a single number."""
-
-    dtype: str
-    shape: list[int]
-    names: list[str] | None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -219,14 +205,14 @@ def export_lerobot(request: ExportRequest) -> Exported:
     windows = {tip.serial: math.ceil(tip.rate_hz / fps) for tip in manifest.config.tactile}
     statistics = FeatureStatistics()
     episodes: list[Line] = []
-    features: dict[str, Feature] = {}
+    features: dict[str, dict[str, Any]] = {}
     first = 0
     for number, lift in enumerate(lifts):
         episode = read_episode(request.session / lift.recording, fps, windows)
         names = {serial: source_name(serial, manifest.config) for serial in episode.images}
-        features = features or _features(episode, names)
         columns = _columns(episode, names, number, first, tasks.index(_task(lift)), fps)
         pictures = _pictures(episode, names, number)
+        features = features or _features(episode, pictures, columns)
         _write_data(request.out, number, {**pictures, **columns}, features)
         for name, shown in pictures.items():
             for picture in shown[::EVERY_IMAGE]:
@@ -246,27 +232,20 @@ def _task(lift: Lift) -> str:
     return f"lift the {lift.name} and feel it turn"
 
 
-def image_key(name: str, back: int) -> str:
-    """Return the name of the feature for a source's images. back: number of frames before the newest."""
-    return f"observation.tactile.{name}.{back}" if back else f"observation.images.{name}"
-
-
-def _features(episode: Episode, names: Mapping[str, str]) -> dict[str, Feature]:
-    """Return the features for `meta/info.json`. names: names of the sources by serial."""
-    features: dict[str, Feature] = {}
-    for serial, windows in episode.images.items():
-        height, width = decode_stored(windows[0][0]).shape[:2]
-        for back in range(len(windows[0])):
-            key = image_key(names[serial], back)
-            features[key] = Feature("image", [height, width, 3], ["height", "width", "channels"])
-    vectors = {
-        key: [f"frame_{back}" for back in range(ages.shape[1])] for key, ages in _ages(episode, names).items()
-    }
-    vectors["observation.state"] = list(episode.names)
-    vectors["action"] = list(episode.names[: episode.commanded])
-    vectors["observation.angle"] = ANGLE_NAMES
-    features |= {key: Feature("float32", [len(parts)], parts) for key, parts in vectors.items()}
-    return features | {name: Feature(dtype, [1], None) for name, dtype in {**SCALARS, **COUNTERS}.items()}
+def _features(
+    episode: Episode, pictures: Mapping[str, list[StoredJpeg]], columns: Mapping[str, NDArray[Any]]
+) -> dict[str, dict[str, Any]]:
+    """Return type, shape and names of components of each column, as in `meta/info.json`."""
+    features: dict[str, dict[str, Any]] = {}
+    for key, shown in pictures.items():
+        size = list(decode_stored(shown[0]["bytes"]).shape)
+        features[key] = {"dtype": "image", "shape": size, "names": ["height", "width", "channels"]}
+    known = {"observation.state": episode.names, "action": episode.names, "observation.angle": ANGLE_NAMES}
+    for key, values in columns.items():
+        size = list(values.shape[1:])
+        names = [*known.get(key, [f"frame_{back}" for back in range(size[0])])][: size[0]] if size else None
+        features[key] = {"dtype": str(values.dtype), "shape": size or [1], "names": names}
+    return features
 
 
 def _ages(episode: Episode, names: Mapping[str, str]) -> dict[str, Numbers]:
@@ -278,7 +257,7 @@ def _ages(episode: Episode, names: Mapping[str, str]) -> dict[str, Numbers]:
 def _pictures(episode: Episode, names: Mapping[str, str], number: int) -> dict[str, list[StoredJpeg]]:
     """Return the stored images by feature, one per step."""
     return {
-        image_key(names[serial], back): [
+        f"observation.tactile.{names[serial]}.{back}" if back else f"observation.images.{names[serial]}": [
             {"bytes": window[back], "path": f"{serial}-{number:03d}-{step:06d}-{back}.jpg"}
             for step, window in enumerate(windows)
         ]
@@ -312,7 +291,7 @@ def _write_data(
     out: Path,
     number: int,
     columns: Mapping[str, NDArray[Any] | list[StoredJpeg]],
-    features: Mapping[str, Feature],
+    features: Mapping[str, Mapping[str, Any]],
 ) -> None:
     arrow, parquet = pyarrow_modules()
     chunk, file = divmod(number, FILES_PER_CHUNK)
@@ -324,12 +303,12 @@ def _write_data(
     }  # fmt: skip
 
     def column(name: str) -> Any:
-        feature, kind = features[name], kinds[features[name].dtype]
-        if feature.dtype in ("image", "bool"):
-            return arrow.array(list(columns[name]), kind)
-        if feature.shape == [1]:
-            return arrow.array(columns[name], kind)
-        return arrow.array(np.asarray(columns[name]).tolist(), arrow.list_(kind, feature.shape[0]))
+        values, dtype, shape = columns[name], features[name]["dtype"], features[name]["shape"]
+        if dtype in ("image", "bool"):
+            return arrow.array(list(values), kinds[dtype])
+        if shape == [1]:
+            return arrow.array(values, kinds[dtype])
+        return arrow.array(np.asarray(values).tolist(), arrow.list_(kinds[dtype], shape[0]))
 
     # JPEGs cannot be compressed further; without compression the loader can memory-map them.
     table = arrow.Table.from_arrays([column(name) for name in features], names=list(features))
@@ -385,7 +364,7 @@ def _write_meta(
     request: ExportRequest,
     manifest: TrialManifest,
     fps: int,
-    features: Mapping[str, Feature],
+    features: Mapping[str, Mapping[str, Any]],
     tasks: list[str],
     episodes: list[Line],
     frames: int,
@@ -410,7 +389,7 @@ def _write_meta(
         "splits": {"train": f"0:{len(episodes)}"},
         "data_path": DATA_PATH,
         "video_path": None,
-        "features": {name: asdict(feature) for name, feature in features.items()},
+        "features": features,
     }
     (out / EPISODES_PATH).parent.mkdir(parents=True)
     (out / "meta/info.json").write_text(json.dumps(info, indent=4))

@@ -429,37 +429,24 @@ class Estimation:
                 f"{choice.name} sets its own zero, as the published script does: leave --reference-time out"
             )
 
-    def of_series(self, series: FrameSeries) -> EstimatedSeries:
-        """Estimate the frames of any source. Raises `InputError`."""
-        background, note = make_background(self._background, series)
-        doubts = background_doubts(self._background, background, series)
-        estimator = self.choice.make(background, self._aspect)
-        return self._estimate(Path(series.name).name, series, estimator, background, note, doubts)
+    def of_series(self, source: FrameSeries | SessionSeries) -> EstimatedSeries:
+        """Estimate the frames of a clip, or those of a sensor in a session. Raises `InputError`.
 
-    def of_sensor(self, tip: SessionSeries) -> EstimatedSeries:
-        """Estimate a session's frames with the sensor's sign, background and aspect. Raises `InputError`."""
-        if self._background is None:
-            background, note, doubts = tip.background, "background: the session's own", []
+        A sensor has its own sign and start of the lift, and, unless they are given here, background and
+        pixel aspect; slopes are computed with its look.
+        """
+        if isinstance(source, SessionSeries):
+            series, name, sign, lift_ns = source.frames, source.serial, source.sign, source.lift_ns
+            choice, aspect, own = replace(self.choice, gel=source.gel), source.aspect, source.background
         else:
-            background, note = make_background(self._background, tip.frames)
-            doubts = background_doubts(self._background, background, tip.frames)
-        estimator = replace(self.choice, gel=tip.gel).make(background, self._aspect or tip.aspect)
-        return self._estimate(
-            tip.serial, tip.frames, estimator, background, note, doubts, tip.sign, tip.lift_ns
-        )
-
-    def _estimate(
-        self,
-        name: str,
-        series: FrameSeries,
-        estimator: TactileEstimator,
-        background: Image,
-        note: str,
-        doubts: list[str],
-        sign: int = 1,
-        lift_ns: int | None = None,
-    ) -> EstimatedSeries:
-        raw, check = estimate_checked(series, estimator, background)
+            series, name, sign, lift_ns = source, Path(source.name).name, 1, None
+            choice, aspect, own = self.choice, None, None
+        if self._background is None and own is not None:
+            background, note = own, "background: the session's own"
+        else:
+            background, note = make_background(self._background, series)
+        doubts = background_doubts(self._background, background, series)
+        raw, check = estimate_checked(series, choice.make(background, self._aspect or aspect), background)
         if not raw.samples:
             raise InputError(f"{series.name}: holds no frames to estimate: give another clip or recording")
         if lift_ns is None and self.lift is not None:
@@ -469,12 +456,12 @@ class Estimation:
         estimate = zeroed(raw, self._reference, self._published, to_object, lift_ns)
         if check.misfit:
             cure = "no angles: give a background of the same camera position, or --background auto"
-            doubts = [*doubts, f"{check.misfit}; {cure}"]
+            doubts.append(f"{check.misfit}; {cure}")
         elif check.doubt:
-            doubts = [*doubts, CONTACT_IN_BACKGROUND]
-        doubts = [*doubts, *frame_doubts(series)]
-        angles_from = self.choice.sees(background)
-        return EstimatedSeries(name, series, sign, estimate, background, note, tuple(doubts), angles_from)
+            doubts.append(CONTACT_IN_BACKGROUND)
+        doubts += frame_doubts(series)
+        sees = self.choice.sees(background)
+        return EstimatedSeries(name, series, sign, estimate, background, note, tuple(doubts), sees)
 
 
 def _time(option: str, text: str | None) -> FrameTime | None:

@@ -67,7 +67,7 @@ def explained_lift(folder: Path, lift: int, serial: str | None) -> Turn:
     if not tips:
         raise InputError(f"{folder}: no finished lift {lift}; see rig report {folder}")
     tip = of_sensor(tips, serial)[0]
-    found = Estimation(choose_estimator(None, None)).of_sensor(tip)
+    found = Estimation(choose_estimator(None, None)).of_series(tip)
     manifest = read_manifest_of(folder, TrialManifest, "it has no lifts")
     mark = "SIMULATED, " if manifest.simulated else ""
     return _largest_turn(found, tip.aspect, f"{mark}lift {lift}, {tip.serial}")

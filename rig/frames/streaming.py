@@ -49,7 +49,7 @@ class StreamingEstimator:
 
     @property
     def track(self) -> TipTrack:
-        """The newest samples with their sign and zero, in the form that `rig.lift.fusion` reads."""
+        """The newest samples with their sign and zero, in the form that `rig.lift.object_angle` reads."""
         return self._track
 
     @property

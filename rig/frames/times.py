@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from drivers.clock import NS_PER_S
 from drivers.errors import FormatError, InputError, counted
 from drivers.formats import (
+    MOST_CSV_BYTES,
     CsvTable,
     parse_csv,
     parse_time_ns,
@@ -27,7 +28,6 @@ from drivers.formats import (
     shown,
     time_ns_in,
 )
-from drivers.formats.csv_table import MOST_BYTES
 from drivers.tally import LONGEST_STEP_NS
 from rig.frames.clips import ABOUT
 
@@ -231,7 +231,7 @@ def _recorded_rows(table: Path) -> list[_Row]:
 
     The last line of a table that `rig live` has written is not complete if it has no end.
     """
-    text = read_text(table, MOST_BYTES)
+    text = read_text(table, MOST_CSV_BYTES)
     if table.with_name(ABOUT).exists():
         text = text[: text.rfind("\n") + 1]
     if not text.strip():

@@ -70,7 +70,11 @@ class AnglePage:
         if not secrets.compare_digest(request.header(TOKEN).encode(), self._token.encode()):
             return FORBIDDEN
         if request.method == "GET":
-            return self._known() if path == "clip" else self._picture(path)
+            if path != "clip":
+                return self._picture(path)
+            choice, (width, height) = self._clip.choice, self._clip.size_px
+            known = {"name": self._clip.name, "frames": choice.frames, "reference": choice.reference}
+            return _json({**known, "width": width, "height": height, "state": self._state()})
         if request.method == "POST" and path in ("click", "undo", "write"):
             return self._done(path, request.body)
         return NOT_FOUND
@@ -80,11 +84,6 @@ class AnglePage:
 
     def close(self) -> None:
         """Release nothing: every click is on disk."""
-
-    def _known(self) -> Answer:
-        choice, (width, height) = self._clip.choice, self._clip.size_px
-        known = {"name": self._clip.name, "frames": choice.frames, "reference": choice.reference}
-        return _json({**known, "width": width, "height": height, "state": self._state()})
 
     def _state(self) -> dict[str, Any]:
         """Return the ends of all lines by pass and frame, and pass and frame of the last click."""

@@ -8,15 +8,14 @@ images under `truth/masks`, and its sensors' frames without contact under `refer
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
 
 from drivers.errors import InputError, unknown_name
-from drivers.formats import read_bounded, shown
-from drivers.formats.structured import MOST_JSON_BYTES
+from drivers.formats import MOST_JSON_BYTES, read_bounded, shown
 from drivers.images import SUFFIXES, read_image, require_same_aspect
 from drivers.types import Image
 from protocols.grasps import find_grasp_file
@@ -139,7 +138,7 @@ def _voc_files(folder: Path) -> list[LabelledFile]:
         image = _beside(folder / "JPEGImages" / label.stem)
         if image is None:
             raise InputError(f"{label}: no image of that name in {folder / 'JPEGImages'}: copy it again")
-        files.append(_file(image, owner, lambda shape, path=label: _png_label(path, shape)))
+        files.append(_file(image, owner, partial(_png_label, label)))
     return files
 
 
@@ -155,11 +154,7 @@ def _labelme_files(folder: Path) -> list[LabelledFile]:
             image = path.parent / named
             if len(named) > _LONGEST_NAME or "\0" in named or not image.is_file():
                 raise InputError(f"{path}: its image {shown(named)} is not beside it: copy it there")
-
-        def read(shape: tuple[int, int], path: Path = path, document: dict[str, Any] = document) -> Image:
-            return labelme_mask(document, shape, str(path))
-
-        files.append(_file(image, owner, read))
+        files.append(_file(image, owner, partial(labelme_mask, document, where=str(path))))
     return files
 
 
@@ -171,13 +166,14 @@ def _session_files(session: Path) -> list[LabelledFile]:
     for pose in read_poses(session):
         for taken in pose.images if pose.accepted else ():
             image, group = session / taken.file, f"{session}/{taken.serial}"
-            background, mask = session / reference_file(taken.serial), session / true_mask_file(image.stem)
-
-            def read(shape: tuple[int, int], path: Path = mask) -> Image:
-                return contact_label(_png_label(path, shape))
-
-            files.append(LabelledFile(image, manifest.objects[0], group, background, True, read))
+            background = session / reference_file(taken.serial)
+            label = partial(_session_label, session / true_mask_file(image.stem))
+            files.append(LabelledFile(image, manifest.objects[0], group, background, True, label))
     return files
+
+
+def _session_label(path: Path, shape: tuple[int, int]) -> Image:
+    return contact_label(_png_label(path, shape))
 
 
 def _file(image: Path, owner: Path, read_label: ReadLabel) -> LabelledFile:

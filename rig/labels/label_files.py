@@ -23,6 +23,8 @@ from rig.sessions.files import write_file, write_json
 
 FORMAT_VERSION = "5.5.0"
 """The oldest version of LabelMe whose fields are written here."""
+LABEL = "contact"
+COCO, MASKS = "coco.json", "masks"
 _BACKGROUND_LABELS = ("_background_", "background", "__ignore__")
 _CIRCLE_CORNERS = 72
 _FAR, _MOST_PX = 1.0, 1e6
@@ -106,20 +108,18 @@ def _corners(entry: Any, where: str) -> Polygon:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LabelledImage:
-    """An image (name, width and height in px) and the outlines of one object's contact in it."""
+    """An image (name, width and height in px) and the outlines of the contact in it."""
 
     file_name: str
     size: tuple[int, int]
-    category: str
     polygons: Sequence[Polygon]
 
 
 def coco_document(images: Sequence[LabelledImage], description: str) -> dict[str, object]:
-    """Return the JSON value for a set of images; categories are numbered in the order of their names.
+    """Return the JSON value for a set of images, whose only category is `LABEL`.
 
     description: content of the images and origin of their outlines.
     """
-    numbers = {name: i for i, name in enumerate(sorted({image.category for image in images}), start=1)}
     contacts = [(i, image) for i, image in enumerate(images, start=1) if image.polygons]
     return {
         "info": {"description": description, "version": "1.0"},
@@ -129,31 +129,25 @@ def coco_document(images: Sequence[LabelledImage], description: str) -> dict[str
             for i, image in enumerate(images, start=1)
         ],
         "annotations": [
-            _annotation(number, image_id, numbers[image.category], image.polygons)
+            _annotation(number, image_id, image.polygons)
             for number, (image_id, image) in enumerate(contacts, start=1)
         ],
-        "categories": [
-            {"id": number, "name": name, "supercategory": "contact"} for name, number in numbers.items()
-        ],
+        "categories": [{"id": 1, "name": LABEL, "supercategory": "contact"}] if images else [],
     }
 
 
-def _annotation(number: int, image_id: int, category: int, polygons: Sequence[Polygon]) -> dict[str, object]:
+def _annotation(number: int, image_id: int, polygons: Sequence[Polygon]) -> dict[str, object]:
     corners = np.concatenate(polygons)
     (left, top), (right, bottom) = corners.min(axis=0), corners.max(axis=0)
     return {
         "id": number,
         "image_id": image_id,
-        "category_id": category,
+        "category_id": 1,
         "segmentation": [[round(float(v), 2) for v in polygon.reshape(-1)] for polygon in polygons],
         "area": round(sum(polygon_area(polygon) for polygon in polygons), 2),
         "bbox": [round(float(v), 2) for v in (left, top, right - left, bottom - top)],
         "iscrowd": 0,
     }
-
-
-LABEL = "contact"
-COCO, MASKS = "coco.json", "masks"
 
 
 @dataclass(frozen=True, slots=True)
@@ -190,7 +184,7 @@ def export_masks(files: Sequence[LabelFile], folder: Path) -> Iterator[Image]:
 def export_coco(files: Sequence[LabelFile], masks: Sequence[Image], path: Path, note: str) -> None:
     """Write all labels as one COCO file, with the images' paths relative to it."""
     images = [
-        LabelledImage(os.path.relpath(file.image, path.parent), file.size, LABEL, mask_polygons(mask))
+        LabelledImage(os.path.relpath(file.image, path.parent), file.size, mask_polygons(mask))
         for file, mask in zip(files, masks, strict=True)
     ]
     write_json(path, coco_document(images, note))

@@ -166,10 +166,10 @@ class MarkerTruth:
             raise CalibrationError(NO_ZERO)
         return Angles.of([*self._measured(self._before, self._zero), *self._angles], MARKERS, zero_ns)
 
-    def series_since_zero(self, zero_ns: int = 0) -> Angles:
-        """Return the angles from the first frame of the zero on; the rest as for `series`."""
-        whole = self.series(zero_ns)
-        return whole.picked(whole.time_ns >= self._still[0].time_ns)
+    @property
+    def rests_from_ns(self) -> int:
+        """Capture time of the first frame of the zero; there must be a zero."""
+        return self._still[0].time_ns
 
     def _measured(self, sightings: Sequence[_Sighting], zero: _Zero) -> list[SlipSample]:
         angles: list[SlipSample] = []

@@ -67,7 +67,7 @@ class LiftMeasurement(LiftObserver):
         self.phases: dict[Phase, int] = {}
         self.risen = True
         self._tips = {serial: _Tip() for serial in signs}
-        self._bench, self._estimator = bench, estimator
+        self.bench, self._estimator = bench, estimator
         self._shift_ns = {serial: to_ns(s) for serial, s in bench.calibrations.time_shift_s.items()}
         self._tcp: Pose | None = None
 
@@ -124,10 +124,6 @@ class LiftMeasurement(LiftObserver):
         last = max(touching, default=min((s.time_ns for s in samples), default=until_ns))
         return last if last < until_ns - to_ns(FALLEN_S) else None
 
-    def marker_distance(self) -> MarkerDistance | None:
-        """Return measured and expected distance of the markers if they differ too much; else None."""
-        return distance_warning(self._bench, self.truth.distance_sides())
-
     def _tactile(self, tip: _Tip, frame: Frame) -> None:
         if tip.estimator is None:
             tip.reference.append(frame.image)
@@ -143,7 +139,7 @@ class LiftMeasurement(LiftObserver):
             self.watch.update(frame.serial, replace(newest, sigma_deg=sample.sigma_deg))
 
     def _make_estimators(self) -> None:
-        aspects, gels = self._bench.pixel_aspects(), self._bench.gel_looks()
+        aspects, gels = self.bench.pixel_aspects(), self.bench.gel_looks()
         for serial, tip in self._tips.items():
             if not tip.reference:
                 raise StaleFrameError(f"{serial}: no frame arrived before the grasp; check that it streams")

@@ -11,7 +11,7 @@ from protocols.observer import LiftEvents, LiftObserver, Phase, ReactionStep
 from rig.lift.measurement import LiftMeasurement
 from rig.sessions.reading import recorded_angles
 from rig.sessions.recorder import LiftRecorder
-from rig.sessions.timing import LatencyTimes
+from rig.sessions.records import LatencyTimes
 from rig.tactile.angles import MARKERS, Angles
 from rig.tactile.contact.finder import ContactFinder
 

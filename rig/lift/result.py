@@ -10,14 +10,20 @@ import numpy as np
 from calibration.time_offset import FEWEST, TimedSignal, time_offset
 from drivers.clock import NS_PER_S, to_ns
 from protocols.observer import Phase, ReactionStep
-from rig.lift.fusion import Disagreement
-from rig.lift.measurement import LiftMeasurement
-from rig.lift.object_angle import ZERO_S
+from rig.lift.measurement import LiftMeasurement, distance_warning
+from rig.lift.object_angle import ZERO_S, Disagreement
 from rig.lift.onset import departure_ns, estimated_onset_ns, slip_onset_ns
 from rig.lift.slip_watch import CAUGHT_DEG, SlipEvent, SlipWatch
 from rig.results.scores import score_angles
-from rig.sessions.records import ClockLag, Lift, LiftOutcome, ReactionRecord, SlipThreshold, TurnsAgainst
-from rig.sessions.timing import StageTimes
+from rig.sessions.records import (
+    ClockLag,
+    Lift,
+    LiftOutcome,
+    ReactionRecord,
+    SlipThreshold,
+    StageTimes,
+    TurnsAgainst,
+)
 from rig.tactile.angles import FUSED, MARKERS, Angles
 from rig.tactile.sample import SlipSample, State, faults_of
 
@@ -145,20 +151,21 @@ FINAL_S = 0.3
 """Length of the interval at the end over which final angles are averaged, s."""
 
 
-def lift_result(measurement: LiftMeasurement, lift: Lift) -> tuple[Lift, dict[str, Angles]]:
+def lift_result(measurement: LiftMeasurement, lift: Lift) -> Lift:
     """Evaluate a lift that reached its end: errors, angles, onset, counts (contract, metrics).
 
-    Returns the lift with its figures, and the angles by source: of each fingertip, fused, of the markers. If
-    the object falls, the figures and the true angle end at the fall, because after it the camera sees an
-    object that lies somewhere.
+    Returns the lift with its figures and its angles: of each fingertip, fused, of the markers. If the object
+    falls, the figures and the true angle end at the fall, because after it the camera sees an object that
+    lies somewhere.
     """
     lift_ns, hold_ns = measurement.phases[Phase.LIFT], measurement.phases[Phase.HOLD]
     end_ns = measurement.phases[Phase.LOWER]
     fall_ns = measurement.fall_ns(end_ns)
     held_ns = end_ns if fall_ns is None else fall_ns
-    truth, since_zero = measurement.truth.series(lift_ns), measurement.truth.series_since_zero(lift_ns)
+    truth = measurement.truth.series(lift_ns)
     if fall_ns is not None:
-        truth, since_zero = (of.picked(of.time_ns < fall_ns) for of in (truth, since_zero))
+        truth = truth.picked(truth.time_ns < fall_ns)
+    since_zero = truth.picked(truth.time_ns >= measurement.truth.rests_from_ns)
     angle = measurement.angle
     tips = {
         serial: Angles.of(map(tip.answer, tip.samples), serial, lift_ns) for serial, tip in angle.tips.items()
@@ -173,8 +180,9 @@ def lift_result(measurement: LiftMeasurement, lift: Lift) -> tuple[Lift, dict[st
     watch = measurement.watch
     reactions = None if watch is None else reaction_records(watch, since_zero, lift_ns)
     final_truth = _final(truth, held_ns)
-    evaluated = replace(
+    return replace(
         lift,
+        angles={**tips, FUSED: whole, MARKERS: truth},
         accepted=True,
         fault=None,
         outcome=_outcome(measurement, onset, fall_ns, reactions or (), final_truth),
@@ -195,14 +203,13 @@ def lift_result(measurement: LiftMeasurement, lift: Lift) -> tuple[Lift, dict[st
         states=_states(samples),
         skipped=dict(Counter(stage for sample in samples for stage in sample.skipped)),
         disagreements={why.value: sum(s.disagreement is why for s in angle.fused) for why in Disagreement},
-        marker_distance=measurement.marker_distance(),
+        marker_distance=distance_warning(measurement.bench, measurement.truth.distance_sides()),
         turns_against=turns_against({n: of.between(lift_ns, held_ns) for n, of in tips.items()}, truth),
         lag=clock_lag(fused.picked(fused.time_ns < held_ns), truth),
         reactions=reactions,
         slip_thresholds=watch and {s: SlipThreshold(*values) for s, values in watch.thresholds().items()},
         estimator_faults=faults_of(samples),
     )
-    return evaluated, {**tips, FUSED: whole, MARKERS: truth}
 
 
 def _states(samples: Sequence[SlipSample]) -> dict[str, int]:

@@ -88,7 +88,6 @@ class TipWatch:
 
     @property
     def away_deg(self) -> float:
-        """Rotation since rest, deg."""
         return self._seen[-1][1] - self.base_deg if self._seen else 0.0
 
     @property

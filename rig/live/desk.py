@@ -30,7 +30,7 @@ from drivers.tally import FrameTally
 from drivers.types import Frame, Image
 from rig.frames.estimates import require_frames_suffice
 from rig.frames.streaming import StreamingEstimator
-from rig.lift.fusion import FusedAngles
+from rig.lift.object_angle import FusedAngles
 from rig.live.clip_writer import ClipWriter, clip_folder
 from rig.live.feed import ESTIMATOR, OBJECT, RECORD, REFERENCE, TAKE_BACKGROUND, Sender
 from rig.live.observer import PICTURE_LONG_SIDE_PX, small_jpeg
@@ -202,7 +202,6 @@ class DeskSensor:
         self._choice, self.stream = choice, stream
 
     def take_background(self) -> None:
-        """Take the background from the next frames."""
         self.background.take()
         self.stream = self._finder = None
         self._outline = self._outline[:0]

@@ -10,7 +10,7 @@ import os
 import socket
 import threading
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
@@ -55,31 +55,20 @@ class Listener:
     pictures: bool
 
 
-@dataclass(frozen=True, slots=True)
-class LiveFeed:
-    """The listeners of lifts, in this process or in workers."""
-
-    listeners: tuple[Listener, ...] = ()
-
-    @property
-    def pictures(self) -> bool:
-        return any(listener.pictures for listener in self.listeners)
-
-
-NOBODY = LiveFeed()
-
-
 class Sender:
     """Sends messages to all listeners. `lost` counts undelivered messages.
+
+    pictures: whether a listener shows images.
 
     Each listener has its own socket, because unread messages fill the send buffer of the socket they came
     from: a stopped listener would otherwise block all others.
     """
 
-    def __init__(self, feed: LiveFeed) -> None:
+    def __init__(self, listeners: Iterable[Listener] = ()) -> None:
         self.lost = 0
         kind = (socket.AF_UNIX, socket.SOCK_DGRAM)
-        self._sockets = [(listener, socket.socket(*kind)) for listener in feed.listeners]
+        self._sockets = [(listener, socket.socket(*kind)) for listener in listeners]
+        self.pictures = any(listener.pictures for listener, _ in self._sockets)
 
     def send(self, kind: str, values: Mapping[str, object], picture: bytes = b"") -> None:
         """Send a message, with an image only to listeners that show images; never blocks, never raises."""

@@ -2,7 +2,7 @@
 
 import os
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import cv2
 import numpy as np
@@ -12,7 +12,7 @@ from drivers.images import encode_jpeg
 from drivers.types import ArmState, Frame, Image
 from protocols.observer import LiftEvents, Phase
 from rig.lift.measurement import LiftMeasurement
-from rig.live.feed import LiveFeed, Sender
+from rig.live.feed import Listener, Sender
 from rig.sessions.records import Lift
 
 MOST_PER_S = 10.0
@@ -44,13 +44,12 @@ class Sparing:
 class PictureSender:
     """Sends small images of frames to viewers if no lift is measured."""
 
-    def __init__(self, feed: LiveFeed) -> None:
-        self._sender, self._pictures = Sender(feed), feed.pictures
-        self._sparing = Sparing()
+    def __init__(self, listeners: Sequence[Listener]) -> None:
+        self._sender, self._due = Sender(listeners), Sparing().due
 
     def __call__(self, frame: Frame) -> None:
         """Send a frame, subject to the rate limit of its source, if a listener shows images."""
-        if self._pictures and self._sparing.due(frame.serial):
+        if self._sender.pictures and self._due(frame.serial):
             values = {"serial": frame.serial, "time_ns": frame.time_ns, "sender": os.getpid()}
             self._sender.send("frame", values, small_jpeg(frame.image)[0])
 
@@ -74,10 +73,8 @@ class LiveObserver(LiftEvents):
     simulated bench runs faster.
     """
 
-    def __init__(self, measurement: LiftMeasurement, feed: LiveFeed, lift: Lift) -> None:
-        self._measurement = measurement
-        self._sender = Sender(feed)
-        self._pictures = feed.pictures
+    def __init__(self, measurement: LiftMeasurement, listeners: Sequence[Listener], lift: Lift) -> None:
+        self._measurement, self._sender = measurement, Sender(listeners)
         self._lift = {**{key: getattr(lift, key) for key in LIFT_KEYS}, "sender": os.getpid()}
         self._due = Sparing().due
         self._times: dict[str, deque[int]] = {}
@@ -94,13 +91,13 @@ class LiveObserver(LiftEvents):
         self._times.setdefault(frame.serial, deque(maxlen=RATE_FRAMES)).append(frame.time_ns)
         if frame.serial not in self._measurement.angle.tips:
             self._truth.append((frame.time_ns, self._measurement.truth.latest_angle_deg()))
-        if self._pictures and self._due(frame.serial):
+        if self._sender.pictures and self._due(frame.serial):
             self._show(frame)
         if self._due("figures"):
             self._figures(frame.time_ns)
 
     def arm(self, state: ArmState) -> None:
-        if self._pictures and self._due("arm"):
+        if self._sender.pictures and self._due("arm"):
             pose = state.base_T_tcp
             values = {"position_m": pose.position_m, "quaternion_xyzw": pose.quaternion_xyzw}
             self._send("arm", {"time_ns": state.time_ns, **values})

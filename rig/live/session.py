@@ -13,7 +13,7 @@ from pathlib import Path
 from drivers.children import python_command, signals_of_terminal_held
 from drivers.errors import InputError
 from rig.config.extras import require_extra
-from rig.live.feed import Inbox, Listener, LiveFeed
+from rig.live.feed import Inbox, Listener
 
 START_TIMEOUT_S = 30.0
 END_TIMEOUT_S = 30.0
@@ -21,15 +21,15 @@ _log = logging.getLogger("rig.live")
 
 
 def check_viewer() -> None:
-    """Raise `InputError` if the viewer cannot be started."""
+    """Raise `InputError` if the viewer of `--live` cannot be started."""
     require_extra("rerun", "live", "the live view needs")
     if not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         raise InputError("--live: there is no display here; watch in a browser instead: --watch")
 
 
 @contextmanager
-def live_session(window: bool, others: tuple[Listener, ...] = ()) -> Iterator[tuple[LiveFeed, Inbox]]:
-    """Yield the feed that lifts send to, and the inbox of the terminal's view.
+def live_session(window: bool, others: tuple[Listener, ...] = ()) -> Iterator[tuple[list[Listener], Inbox]]:
+    """Yield the listeners that lifts send to, and the inbox of the terminal's view.
 
     window: whether to open the viewer rerun. others: further listeners. The viewer's process ends with the
     session; if it ends earlier, the session continues. Raises `InputError` as `check_viewer` does.
@@ -44,7 +44,7 @@ def live_session(window: bool, others: tuple[Listener, ...] = ()) -> Iterator[tu
             address = f"{folder}/viewer"
             stack.enter_context(_viewer(address))
             listeners.append(Listener(address, pictures=True))
-        yield LiveFeed(tuple(listeners)), inbox
+        yield listeners, inbox
 
 
 @contextmanager

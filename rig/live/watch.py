@@ -81,13 +81,15 @@ class WatchPage:
 
     def show_event(self, event: Event) -> None:
         """Show an event; never blocks. Each message has the complete progress, so a lost one does no harm."""
-        self._progress = self._progress.after(event)
-        self.process.send(json.dumps(asdict(self._progress)).encode())
+        self._show(self._progress.after(event))
 
     def show_report(self, file: Path) -> None:
         """Let connected browsers show a report, a single file, from now on."""
-        self._progress = replace(self._progress, report=str(file.absolute()))
-        self.process.send(json.dumps(asdict(self._progress)).encode())
+        self._show(replace(self._progress, report=str(file.absolute())))
+
+    def _show(self, progress: Progress) -> None:
+        self._progress = progress
+        self.process.send(json.dumps(asdict(progress)).encode())
 
     def asked(self) -> str | None:
         """Return the action of a pressed button, None if there is none; never blocks. Raises `RigError`."""

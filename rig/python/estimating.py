@@ -21,8 +21,8 @@ from rig.frames.estimates import estimate_checked, require_frames_suffice, zeroe
 from rig.frames.series import FrameSeries, TimedFrame, evenly_spread, find_background
 from rig.frames.streaming import StreamingEstimator, checked_sign
 from rig.frames.times import LEAST_FPS, MAX_FPS, FrameTime, checked_times, sparse_note
-from rig.report.curves import AXIS_DEG, TURN_DEG, unwrapped
 from rig.results.metrics import summarize
+from rig.results.scores import AXIS_DEG, TURN_DEG, unwrapped
 from rig.sessions.records import ErrorSummary
 from rig.tactile.angles import Angles
 from rig.tactile.estimators import ASPECTS, MAX_WINDOW, choose_estimator

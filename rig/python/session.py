@@ -21,11 +21,9 @@ from drivers.realtime import compute_in_one_thread
 from drivers.types import ArmState, Image
 from drivers.values import short_repr
 from protocols.observer import Phase
-from rig.report.curves import signed_errors
 from rig.sessions import records
-from rig.sessions.lift_curves import LiftCurves
 from rig.sessions.manifest import TrialManifest, read_manifest_of
-from rig.sessions.reading import read_curves, recorded_arm_states, recorded_frames, recorded_gripper
+from rig.sessions.reading import read_angles, recorded_arm_states, recorded_frames, recorded_gripper
 from rig.sessions.recorder import GRIPPER_TOPIC
 from rig.sessions.recording_file import recorded_messages
 from rig.sessions.rows import read_usable_lifts
@@ -147,9 +145,9 @@ class Lift:
     )
     simulated: bool = _stored("_row.simulated", "Whether the bench was a simulated one.")
     answered: float = _stored("_row.answered", "Fraction of the frames in phases B and C that have an angle.")
-    estimate: Angles = _stored("_curves.estimate", "Fused angle of both fingertips.")
+    estimate: Angles = _stored("_read.estimate", "Fused angle of both fingertips.")
     truth: Angles = _stored(
-        "_curves.truth", "Ground truth from the markers, at the times of the camera frames."
+        "_read.truth", "Ground truth from the markers, at the times of the camera frames."
     )
 
     @property
@@ -165,12 +163,12 @@ class Lift:
     @property
     def phases_s(self) -> dict[str, float]:
         """Start of each phase by its name, s from the start of phase B."""
-        return dict(self._curves.phases_s)
+        return self._read.begins_s
 
     @property
     def error_deg(self) -> Floats:
         """(N,) estimate minus ground truth at the times of the estimate; NaN if either is missing."""
-        return signed_errors(self._curves)
+        return self._read.error_deg
 
     @cached_property
     def arm(self) -> ArmTrack:
@@ -216,7 +214,7 @@ class Lift:
     def tip(self, serial: str) -> Angles:
         """Return the angle of one fingertip. Raises `InputError` for an unknown serial."""
         self._require(serial)
-        return self._curves.tips[serial]
+        return self._read.tips[serial]
 
     def frames(self, serial: str, masks: str | None = None) -> Iterator[SensorFrame]:
         """Return an iterator over the frames of a fingertip, or for "camera" of the external camera.
@@ -284,20 +282,20 @@ class Lift:
 
     def to_pandas(self) -> "DataFrame":
         """Return a pandas DataFrame, a row per frame: time_s, estimate_deg, sigma_deg, truth_deg, state."""
-        estimate = self._curves.estimate
+        estimate = self._read.estimate
         return data_frame(
             {
                 "time_s": estimate.time_s,
                 "estimate_deg": estimate.angle_deg,
                 "sigma_deg": estimate.sigma_deg,
-                "truth_deg": self._curves.truth.at(estimate.time_s),
+                "truth_deg": self._read.truth.at(estimate.time_s),
                 "state": estimate.states,
             }
         )
 
     @cached_property
-    def _curves(self) -> LiftCurves:
-        return read_curves(self._folder, self._row, self._manifest.signs)
+    def _read(self) -> records.Lift:
+        return read_angles(self._folder, self._row, self._manifest.signs)
 
     def _times(self, states: list[ArmState]) -> Floats:
         return _array([state.time_ns / NS_PER_S - self._zero_s for state in states])

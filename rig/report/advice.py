@@ -13,12 +13,11 @@ from protocols.reaction import ReactionKind
 from rig.config.in_use import FileInUse
 from rig.report.charts import FEWEST_FRAMES, sigma_ratios
 from rig.report.parts import Notice, Table, joined
-from rig.report.session import Trial, curves_of
+from rig.report.session import Trial, with_angles
 from rig.results.metrics import FEWEST_LIFTS
 from rig.results.summary import ADVICE, main_refusal
-from rig.sessions.lift_curves import LiftCurves
 from rig.sessions.manifest import BenchManifest
-from rig.sessions.records import LiftOutcome
+from rig.sessions.records import Lift, LiftOutcome, totals
 
 LEAST_ANSWERED, LEAST_COVERED = 0.95, 0.90
 MOST_DROPPED, MOST_UNSEEN = 0.001, 0.05
@@ -83,8 +82,8 @@ def _about_angles(trial: Trial) -> Iterator[Notice]:
             f"least in {worst.title} with {worst.answered:.0%}; most often '{why}'."
         )
         yield Notice("warn", what, ADVICE[why])
-    yield from sigma_notices(curves_of(trial.lifts))
-    known = [(_unseen(lift.curves), lift) for lift in trial.lifts if lift.curves is not None]
+    yield from sigma_notices(with_angles(trial.lifts))
+    known = [(_unseen(lift), lift) for lift in with_angles(trial.lifts)]
     if missing := [(share, lift) for share, lift in known if share > MOST_UNSEEN]:
         share, worst = max(missing, key=lambda pair: pair[0])
         what = (
@@ -107,13 +106,13 @@ def _about_angles(trial: Trial) -> Iterator[Notice]:
         yield Notice("bad", what, advice)
 
 
-def _unseen(curves: LiftCurves) -> float:
+def _unseen(lift: Lift) -> float:
     """Return the fraction of the frames of B and C without a marker angle."""
-    truth = curves.truth.at(curves.estimate.time_s[curves.within("B", "C")])
+    truth = lift.truth.at(lift.estimate.time_s[lift.within("B", "C")])
     return float(np.mean(np.isnan(truth))) if truth.size else 1.0
 
 
-def sigma_notices(lifts: Sequence[LiftCurves]) -> Iterator[Notice]:
+def sigma_notices(lifts: Sequence[Lift]) -> Iterator[Notice]:
     """Yield warnings about sigmas that are too small, over all lifts and, worst first, of single ones.
 
     The fraction over all lifts can hide single ones. Lifts without a sigma give none.
@@ -124,7 +123,7 @@ def sigma_notices(lifts: Sequence[LiftCurves]) -> Iterator[Notice]:
         what = f"Sigma is too small: {covered:.0%} of the errors are within 2 sigma, 95 % should be."
         yield Notice("warn", what, f"Read the bands as if they were {factor:.1f} times as wide.")
     shares = [
-        (float(np.mean(own > 2.0)), lift.name)
+        (float(np.mean(own > 2.0)), lift.title)
         for lift in lifts
         if (own := sigma_ratios([lift])).size >= FEWEST_FRAMES
     ]
@@ -168,11 +167,7 @@ def _about_setup(trial: Trial) -> Iterator[Notice]:
 def _about_frames(trial: Trial) -> Iterator[Notice]:
     if frozen := [lift.title for lift in trial.lifts if lift.states.get("frozen")]:
         yield Notice("bad", f"A fingertip repeated its picture in {joined(frozen)}.", ADVICE["frozen"])
-    frames, dropped, jumped = Counter[str](), Counter[str](), Counter[str]()
-    for lift in trial.lifts:
-        frames.update(lift.frames)
-        dropped.update(lift.dropped)
-        jumped.update(lift.jumped or {})
+    frames, dropped, jumped = (totals(trial.lifts, name) for name in ("frames", "dropped", "jumped"))
     bad = [
         f"{source} {count} of {count + frames[source]}"
         for source, count in dropped.items()
@@ -185,9 +180,9 @@ def _about_frames(trial: Trial) -> Iterator[Notice]:
         times = joined([f"{count} of {source}" for source, count in jumped.items()])
         advice = "They have no angle. Check the clock of the device that stamps these frames."
         yield Notice("warn", f"The times of frames jumped: {times}.", advice)
-    totals = [row.stages["total"].p99_ms for row in trial.timing if "total" in row.stages]
+    totals_ms = [row.stages["total"].p99_ms for row in trial.timing if "total" in row.stages]
     period_ms = 1000.0 / sum(tactile.rate_hz for tactile in trial.manifest.config.tactile)
-    if totals and (slow := float(np.median(totals))) > period_ms:
+    if totals_ms and (slow := float(np.median(totals_ms))) > period_ms:
         what = (
             f"1 frame in 100 takes {slow:.0f} ms, and a frame of some fingertip comes every "
             f"{period_ms:.1f} ms."

@@ -1,7 +1,7 @@
 """The report of lifts from CSV tables with two angle curves each, from any tool."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,40 +13,23 @@ from rig.lift.onset import slip_onset_ns
 from rig.lift.result import FINAL_S
 from rig.pages.page import render
 from rig.report.advice import sigma_notices
-from rig.report.charts import (
-    Final,
-    boxes,
-    coverage_chart,
-    error_against_angle,
-    error_against_rate,
-    finals_chart,
-)
-from rig.report.curves import AXIS_DEG, TURN_DEG, signed_errors, unwrapped
+from rig.report.charts import boxes, coverage_chart, error_against, finals_chart, key, lift_chart
 from rig.report.explored import angle_panels, explored
-from rig.report.lift_chart import key, lift_chart
 from rig.report.parts import (
-    Chart,
     Notice,
     ReportPage,
     Table,
+    anchor,
     angle_text,
     linked,
     made_text,
     mare_tile,
     table_of,
 )
-from rig.results.metrics import (
-    FEWEST_LIFTS,
-    INTERVAL,
-    ErrorSummary,
-    Floats,
-    Mare,
-    mare_of,
-    mare_text,
-    summarize,
-)
-from rig.sessions.lift_curves import LiftCurves
-from rig.tactile.angles import Angles
+from rig.results.metrics import FEWEST_LIFTS, INTERVAL, Floats, Mare, mare_of, mare_text, summarize
+from rig.results.scores import AXIS_DEG, TURN_DEG, unwrapped
+from rig.sessions.records import Lift, lift_of_table
+from rig.tactile.angles import FUSED, MARKERS, Angles
 
 COLUMNS = {
     "time": ("t_s", "time_s", "time"),
@@ -63,58 +46,33 @@ _LARGEST = 9e9
 """Largest accepted number; larger times in s do not fit 64-bit integer nanoseconds."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class CsvLift:
-    """A lift from a table.
-
-    errors: over all its frames, None if no frame has both angles. notes: on wrapped angles.
-    """
-
-    path: Path
-    curves: LiftCurves
-    errors: ErrorSummary | None
-    final_estimate_deg: float | None
-    final_truth_deg: float | None
-    notes: tuple[str, ...] = ()
-
-    @property
-    def answered(self) -> float:
-        return float(np.mean(np.isfinite(self.curves.estimate.angle_deg)))
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Tables:
-    """The readable lifts, and notes on unreadable files and wrapped angles."""
-
-    lifts: tuple[CsvLift, ...]
-    notes: tuple[str, ...]
-
-
-def read_tables(sources: Sequence[Path]) -> Tables:
-    """Read CSV files, and the CSV files in folders. Raises `InputError` if there is no lift.
+def read_tables(sources: Sequence[Path]) -> tuple[list[Lift], list[str]]:
+    """Read CSV files, and the CSV files in folders; return the lifts, and notes.
 
     A given file without a lift is an error; for a file without a lift in a given folder a note is added.
+    Raises `InputError` for that, and if there is no lift.
     """
     lifts, notes = [], []
     for source in sources:
-        if not source.is_dir():
-            lifts.append(read_table(source))
-            continue
-        for path in sorted(source.glob("*.csv")):
+        for path in sorted(source.glob("*.csv")) if source.is_dir() else [source]:
             try:
-                lifts.append(read_table(path))
+                lifts.append(read_table(path, len(lifts) + 1))
             except InputError as error:
+                if path is source:
+                    raise
                 notes.append(f"left out: {error}")
     if not lifts:
         why = f"; {notes[0]}" if notes else ""
         needed = ", ".join(names[0] for what, names in COLUMNS.items() if what != "sigma")
         raise InputError(f"{sources[0]}: neither a session nor CSV files with columns {needed}{why}")
-    notes += [note for lift in lifts for note in lift.notes]
-    return Tables(tuple(lifts), tuple(notes))
+    return lifts, [*notes, *(note for lift in lifts for note in lift.notes)]
 
 
-def read_table(path: Path) -> CsvLift:
-    """Read one CSV file. Raises `InputError` naming the invalid column or line."""
+def read_table(path: Path, number: int = 1) -> Lift:
+    """Read one CSV file as a lift with curves; its error is over all frames.
+
+    number: of the lift in the report. Raises `InputError` naming the invalid column or line.
+    """
     columns = _columns(path)
     time_s = columns["time"]
     if not np.isfinite(time_s).all() or (np.diff(time_s) <= 0.0).any():
@@ -131,18 +89,19 @@ def read_table(path: Path) -> CsvLift:
     truth, notes = unwrapped(f"{path}: the true angle", truth, AXIS_DEG)
     phases, onset_s = detected_phases(truth)
     estimate, more = unwrapped(f"{path}: the estimate", estimate, TURN_DEG)
-    curves = LiftCurves(
+    lift = lift_of_table(
+        number=number,
         name=path.stem.replace("_", " "),
-        estimate=estimate,
-        truth=truth,
         phases_s=phases,
         onset_truth_s=onset_s,
         onset_estimate_s=_onset_s(estimate),
-        time_label="time since the first row, s",
+        answered=float(np.mean(np.isfinite(estimate.angle_deg))),
+        final_estimate_deg=_final_deg(estimate),
+        final_truth_deg=_final_deg(truth),
+        angles={FUSED: estimate, MARKERS: truth},
+        notes=(*notes, *more),
     )
-    errors = np.abs(signed_errors(curves))
-    finals = _final_deg(estimate), _final_deg(truth)
-    return CsvLift(path, curves, summarize(errors[np.isfinite(errors)]), *finals, (*notes, *more))
+    return replace(lift, re=summarize(lift.errors()))
 
 
 def detected_phases(truth: Angles) -> tuple[dict[str, float], float | None]:
@@ -205,91 +164,76 @@ def _final_deg(curve: Angles) -> float | None:
     return float(late.mean()) if late.size else None
 
 
-def curves_page(tables: Tables) -> ReportPage:
-    value, count = mare_of(lift.errors for lift in tables.lifts), len(tables.lifts)
-    charts, table = _charts(tables), _table(tables, value)
-    lifts = []
-    for number, lift in enumerate(tables.lifts, start=1):
-        chart = lift_chart(lift.curves, _caption(lift))
-        data = explored(lift.curves, angle_panels(lift.curves))
-        lifts.append(replace(chart, anchor=f"lift-{number}", explored=data))
+def curves_page(lifts: Sequence[Lift], notes: Sequence[str]) -> ReportPage:
+    """Return the report of lifts from tables. notes: see `read_tables`."""
+    value = mare_of(lift.re for lift in lifts)
+    about = "All frames with both angles: median, quartiles, whiskers from least to most."
+    charts = [
+        boxes({lift.name: lift.errors() for lift in lifts}, "Error per lift", about),
+        finals_chart(lifts),
+        error_against("Error against angle", lifts),
+        error_against("Error against rate", lifts),
+        coverage_chart(lifts),
+    ]
+    charts, table = [chart for chart in charts if chart is not None], _table(lifts, value)
+    drawn = []
+    for lift in lifts:
+        chart, data = lift_chart(lift, _caption(lift)), explored(lift, angle_panels(lift))
+        drawn.append(replace(chart, anchor=anchor(lift), explored=data))
     page = render(
         "rig.report",
         "curves.html",
         tiles=[
-            (str(count), "lift" if count == 1 else "lifts"),
+            (str(len(lifts)), "lift" if len(lifts) == 1 else "lifts"),
             mare_tile(value, "MARE over all frames"),
-            (f"{np.mean([lift.answered for lift in tables.lifts]):.1%}", "of the rows have an estimate"),
+            (f"{np.mean([lift.answered for lift in lifts]):.1%}", "of the rows have an estimate"),
         ],
-        warnings=_notices(tables),
+        warnings=_notices(lifts, notes),
         table=table,
         charts=charts,
-        lifts=lifts,
+        lifts=drawn,
         key=key(states=False),
         interval=INTERVAL,
-        title=f"Rotation of {counted(count, 'lift')}",
+        title=f"Rotation of {counted(len(lifts), 'lift')}",
         made=made_text(),
     )
-    return ReportPage(page, [*charts, *lifts], table)
+    return ReportPage(page, [*charts, *drawn], table)
 
 
-def _charts(tables: Tables) -> list[Chart]:
-    curves = [lift.curves for lift in tables.lifts]
-    errors = {lift.name: np.abs(signed_errors(lift)) for lift in curves}
-    about = "All frames with both angles: median, quartiles, whiskers from least to most."
-    finals = [
-        Final(lift.curves.name, f"lift-{number}", lift.final_estimate_deg, lift.final_truth_deg)
-        for number, lift in enumerate(tables.lifts, start=1)
-    ]
-    charts = [
-        boxes({name: own[np.isfinite(own)] for name, own in errors.items()}, "Error per lift", about),
-        finals_chart(finals),
-        error_against_angle(curves),
-        error_against_rate(curves),
-        coverage_chart(curves),
-    ]
-    return [chart for chart in charts if chart is not None]
-
-
-def _table(tables: Tables, value: Mare | None) -> Table:
-    anchors = {id(lift): f"lift-{number}" for number, lift in enumerate(tables.lifts, start=1)}
-
-    def onset(lift: CsvLift) -> str:
-        return "none" if lift.curves.onset_truth_s is None else f"{lift.curves.onset_truth_s:.2f}"
-
+def _table(lifts: Sequence[Lift], value: Mare | None) -> Table:
     return table_of(
-        tables.lifts,
+        lifts,
         {
-            "lift": lambda lift: linked(lift.curves.name, {lift.curves.name: anchors[id(lift)]}),
-            "mean error, °": lambda lift: (
-                f"{e.mean_deg:.2f} ± {e.std_deg:.2f}" if (e := lift.errors) else "no answer"
+            "lift": lambda of: linked(of.name, {of.name: anchor(of)}),
+            "mean error, °": lambda of: (
+                f"{e.mean_deg:.2f} ± {e.std_deg:.2f}" if (e := of.re) else "no answer"
             ),
-            "largest, °": lambda lift: f"{lift.errors.max_deg:.1f}" if lift.errors else "",
-            "final estimate": lambda lift: angle_text(lift.final_estimate_deg),
-            "final reference": lambda lift: angle_text(lift.final_truth_deg),
-            "onset after the first row, s": onset,
-            "answered": lambda lift: f"{lift.answered:.0%}",
-            "duration, s": lambda lift: f"{np.ptp(lift.curves.truth.time_s):.2f}",
+            "largest, °": lambda of: f"{of.re.max_deg:.1f}" if of.re else "",
+            "final estimate": lambda of: angle_text(of.final_estimate_deg),
+            "final reference": lambda of: angle_text(of.final_truth_deg),
+            "onset after the first row, s": lambda of: (
+                "none" if of.onset_truth_s is None else f"{of.onset_truth_s:.2f}"
+            ),
+            "answered": lambda of: f"{of.answered:.0%}",
+            "duration, s": lambda of: f"{np.ptp(of.truth.time_s):.2f}",
         },
         ["all", mare_text(value), *[""] * 6],
         filters={1: "least"},
     )
 
 
-def _notices(tables: Tables) -> list[Notice]:
-    notices = [
-        Notice("warn", "A file was left out.", note.removeprefix("left out: ")) for note in tables.notes
-    ]
-    if len(tables.lifts) < FEWEST_LIFTS:
+def _notices(lifts: Sequence[Lift], notes: Sequence[str]) -> list[Notice]:
+    notices = [Notice("warn", "A file was left out.", note.removeprefix("left out: ")) for note in notes]
+    if len(lifts) < FEWEST_LIFTS:
         advice = f"Below {FEWEST_LIFTS} lifts the mean has no interval, and one lift can decide."
-        notices.append(Notice("warn", f"Only {counted(len(tables.lifts), 'lift')}.", advice))
-    if silent := [lift.curves.name for lift in tables.lifts if lift.errors is None]:
+        notices.append(Notice("warn", f"Only {counted(len(lifts), 'lift')}.", advice))
+    if silent := [lift.name for lift in lifts if lift.re is None]:
         advice = "No row has both angles: see that the columns are the right ones and in degrees."
         notices.append(Notice("bad", f"No error can be computed for {', '.join(silent)}.", advice))
-    return [*notices, *sigma_notices([lift.curves for lift in tables.lifts])]
+    return [*notices, *sigma_notices(lifts)]
 
 
-def _caption(lift: CsvLift) -> str:
-    if (error := lift.errors) is None:
+def _caption(lift: Lift) -> str:
+    if (error := lift.re) is None:
         return "no frame has both angles"
     return f"error {error.mean_deg:.2f} ± {error.std_deg:.2f}°, at most {error.max_deg:.1f}°"

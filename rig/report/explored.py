@@ -6,6 +6,7 @@ page's palette.
 
 import re
 from collections.abc import Sequence
+from contextlib import suppress
 from itertools import cycle
 from pathlib import Path
 from typing import Any
@@ -17,13 +18,11 @@ from jinja2.utils import htmlsafe_json_dumps
 from drivers.clock import NS_PER_S
 from rig.pages.page import data_uri
 from rig.pages.palette import ESTIMATE, FIRST, INK, SECOND, TRUTH, Colour
-from rig.report.curves import signed_errors
-from rig.report.lift_chart import SIGMAS, angle_range, shown_range
+from rig.report.charts import SIGMAS, angle_range, shown_range
 from rig.report.parts import anchor
 from rig.report.session import UNREADABLE, Trial
 from rig.report.strips import pictures
 from rig.results.metrics import Floats
-from rig.sessions.lift_curves import LiftCurves
 from rig.sessions.manifest import TrialManifest
 from rig.sessions.reading import recorded_gripper, recorded_joints
 from rig.sessions.recorder import GRIPPER_TOPIC, JOINTS_TOPIC
@@ -41,13 +40,13 @@ MOST_BYTES, LEAST_FILM_BYTES = 5_900_000, 6_000
 Json = dict[str, Any]
 
 
-def explored(lift: LiftCurves, panels: Sequence[Json], film: str | None = None) -> Json:
+def explored(lift: Lift, panels: Sequence[Json], film: str | None = None) -> Json:
     """Return the data of a lift for the page's program, as JSON values."""
     start, end = shown_range(lift)
     onsets = ((TRUTH, lift.onset_truth_s), (ESTIMATE, lift.onset_estimate_s))
     return {
         "range": [round(start, 3), round(end, 3)],
-        "phases": sorted(lift.phases_s.items(), key=lambda phase: phase[1]),
+        "phases": sorted(lift.begins_s.items(), key=lambda phase: phase[1]),
         "marks": [(colour.name, time_s) for colour, time_s in onsets if time_s is not None],
         "panels": panels,
         "film": film,
@@ -62,7 +61,7 @@ def _panel(
 
 
 def _series(
-    lift: LiftCurves,
+    lift: Lift,
     label: str,
     colour: Colour,
     time_s: Floats,
@@ -80,7 +79,7 @@ def _series(
     return {"label": label, "colour": colour.name, "dash": dash, "width": width_px, "table": table}
 
 
-def angle_panels(lift: LiftCurves) -> list[Json]:
+def angle_panels(lift: Lift) -> list[Json]:
     """Return panels with the angles of markers, estimate (with band) and fingertips, and with the error."""
     estimate, truth = lift.estimate, lift.truth
     half = [SIGMAS * estimate.sigma_deg] if np.isfinite(estimate.sigma_deg).any() else []
@@ -94,30 +93,30 @@ def angle_panels(lift: LiftCurves) -> list[Json]:
     angles.append(_series(lift, "estimate", ESTIMATE, estimate.time_s, estimate.angle_deg, *half))
     panels = [_panel("angle, °", angles, _ANGLE_PX, angle_range(lift))]
     if truth.time_s.size:
-        error = _series(lift, "estimate - markers", INK, estimate.time_s, signed_errors(lift))
+        error = _series(lift, "estimate - markers", INK, estimate.time_s, lift.error_deg)
         panels.append(_panel("error, °", [error]))
     return panels
 
 
-def pair_panels(names: tuple[str, str], first: LiftCurves, second: LiftCurves) -> list[Json]:
+def pair_panels(names: tuple[str, str], first: Lift, second: Lift) -> list[Json]:
     """Return panels with the angles and errors of one lift on both sides of a comparison."""
     angles = [_series(first, "markers", TRUTH, first.truth.time_s, first.truth.angle_deg, dash=(6, 4))]
     errors = []
     for name, colour, lift in zip(names, (FIRST, SECOND), (first, second), strict=True):
         angles.append(_series(first, name, colour, lift.estimate.time_s, lift.estimate.angle_deg))
-        errors.append(_series(first, name, colour, lift.estimate.time_s, signed_errors(lift)))
+        errors.append(_series(first, name, colour, lift.estimate.time_s, lift.error_deg))
     return [_panel("angle, °", angles, _ANGLE_PX), _panel("error, °", errors)]
 
 
-def recorded_lift(path: Path, lift: LiftCurves, zero_ns: int, film: str | None = None) -> Json:
+def recorded_lift(path: Path, lift: Lift, film: str | None = None) -> Json:
     """Return the data of a recorded lift, with the wrench and the grip.
 
-    zero_ns: start of phase B by the recording's clock. film: placeholder for the film's data. Gaps of the
+    film: placeholder for the film's data. Gaps of the
     recording are skipped. Raises `SessionError` and other errors of `UNREADABLE`.
     """
     forces, openings = [], []
     for topic, time_ns, _, data in recorded_messages(path, JOINTS_TOPIC, GRIPPER_TOPIC, gaps=[]):
-        time_s = (time_ns - zero_ns) / NS_PER_S
+        time_s = (time_ns - lift.zero_ns) / NS_PER_S
         if topic == GRIPPER_TOPIC:
             openings.append((time_s, 1e3 * recorded_gripper(data, path).opening_m))
         elif (wrench := recorded_joints(data, path).wrench) is not None:
@@ -134,7 +133,7 @@ def recorded_lift(path: Path, lift: LiftCurves, zero_ns: int, film: str | None =
     return explored(lift, panels, film)
 
 
-def lift_film(path: Path, lift: LiftCurves, zero_ns: int, manifest: TrialManifest, most_bytes: int) -> Json:
+def lift_film(path: Path, lift: Lift, manifest: TrialManifest, most_bytes: int) -> Json:
     """Return a film as one WebP sheet, a row per picture: fingertips and camera side by side.
 
     most_bytes: largest size of the sheet. To reach it, quality and number of images are reduced, down to the
@@ -145,7 +144,7 @@ def lift_film(path: Path, lift: LiftCurves, zero_ns: int, manifest: TrialManifes
     times = np.concatenate([before, np.linspace(0.0, end, FRAMES_OF_LIFT)])
     columns = []
     for serial in manifest.serials:
-        found = pictures(path, lift, zero_ns, serial, manifest.signs.get(serial), times.tolist())
+        found = pictures(path, lift, serial, manifest.signs.get(serial), times.tolist())
         height, width = found[0][0].shape[:2]
         size = (round(width * FILM_HEIGHT_PX / height), FILM_HEIGHT_PX)
         columns.append(np.array([cv2.resize(p, size, interpolation=cv2.INTER_AREA) for p, _ in found]))
@@ -170,7 +169,6 @@ def _numbers(values: Floats, digits: int) -> list[float | None]:
 
 
 def film_mark(lift: Lift) -> str:
-    """Return the placeholder of a lift's film in the page's data."""
     return f"film of {anchor(lift)}"
 
 
@@ -183,15 +181,13 @@ def with_films(page: str, trial: Trial) -> str:
     marks = {mark: lift for mark, lift in marks.items() if mark in page}
     room = (MOST_BYTES - len(page.encode())) // max(len(marks), 1)
     most_bytes = max(room * 3 // 4, LEAST_FILM_BYTES)  # base64 adds a third
-    films = {mark: htmlsafe_json_dumps(_film_of(trial, lift, most_bytes)) for mark, lift in marks.items()}
+    films = {}
+    for mark, lift in marks.items():
+        film = None
+        with suppress(*UNREADABLE):  # the page has a notice about the damaged recording
+            if lift.angles:
+                film = lift_film(trial.folder / lift.recording, lift, trial.manifest, most_bytes)
+        films[mark] = htmlsafe_json_dumps(film)
     # in one pass, so that a placeholder inside a film's data is not replaced
     pattern = "|".join(map(re.escape, films)) or "(?!)"
     return re.sub(pattern, lambda found: f'"film":{films[found.group()]}', page)
-
-
-def _film_of(trial: Trial, lift: Lift, most_bytes: int) -> Json | None:
-    try:
-        path, curves = trial.folder / lift.recording, lift.curves
-        return curves and lift_film(path, curves, lift.zero_ns, trial.manifest, most_bytes)
-    except UNREADABLE:  # the page has a notice about the damaged recording
-        return None

@@ -21,10 +21,9 @@ from drivers.types import Image
 from protocols.reaction import ReactionKind
 from rig.frames.estimates import EstimatedSeries
 from rig.pages.palette import ESTIMATE, INK, MUTED, PAPER, PHASE, TRUTH
-from rig.report.lift_chart import draw_panel, on_one_scale, shown_range
-from rig.report.own_frames import estimate_curves, tip_of
+from rig.report.charts import CurvePanel, Ranges, common_ranges, draw_panel
+from rig.report.own_frames import estimate_lift, tip_of
 from rig.report.strips import TipFrames, angles_at, caption, drawn, read_tip, rgb
-from rig.sessions.lift_curves import LiftCurves
 from rig.sessions.manifest import TrialManifest
 from rig.sessions.reading import recorded_frames
 from rig.sessions.records import Lift
@@ -164,9 +163,10 @@ class _Scene:
     """Content of a film. tips: fingertips with their frames. camera: its frames, None without a camera."""
 
     title: str
-    curves: LiftCurves
+    lift: Lift
     tips: tuple[tuple[TipFrames, "_ImageAt"], ...]
     camera: "_ImageAt | None"
+    ranges: Ranges = ((0.0, 0.0), (0.0, 0.0))
 
 
 _ImageAt = Callable[[float], Image | None]
@@ -192,32 +192,31 @@ def write_film(
     `RecordingError` if the film cannot be written.
     """
     out = film_place(out)
-    scenes = [_of_clip(each) if isinstance(each, EstimatedSeries) else _read(*each) for each in filmed]
-    shared = on_one_scale([scene.curves for scene in scenes])
-    scenes = [replace(scene, curves=curves) for scene, curves in zip(scenes, shared, strict=True)]
+    scenes = [_scene(each) for each in filmed]
+    ranges = common_ranges([scene.lift for scene in scenes])
+    scenes = [replace(scene, ranges=ranges) for scene in scenes]
     return save_film(out, _pictures(scenes, speed / fps, width_px), fps)
 
 
-def _read(folder: Path, manifest: TrialManifest, lift: Lift) -> _Scene:
-    if lift.curves is None:
+def _scene(of: Filmed | EstimatedSeries) -> _Scene:
+    """Return a clip, or a lift. Raises `SessionError` for a recording that cannot be read."""
+    if isinstance(of, EstimatedSeries):
+        images = ((f.time.time_ns / NS_PER_S, f.image) for f in of.frames if f.image is not None)
+        return _Scene(of.name, estimate_lift(of), ((tip_of(of), _newest(images)),), None)
+    folder, manifest, lift = of
+    if not lift.angles:
         raise SessionError(f"{folder / lift.recording}: the recording cannot be read; choose another --lift")
     path, zero_ns, signs = folder / lift.recording, lift.zero_ns, manifest.signs
     tips = []
     for serial, sign in signs.items():
-        tip = read_tip(path, lift.curves, zero_ns, serial, sign)
+        tip = read_tip(path, lift, serial, sign)
         tips.append((tip, _newest(((f.time_ns - zero_ns) / NS_PER_S, f.image) for f in tip.frames)))
     cameras = [serial for serial in manifest.serials if serial not in signs]
     seen = (frame for serial in cameras for frame in recorded_frames(path, serial, gaps=[]))
     camera = (((frame.time_ns - zero_ns) / NS_PER_S, _scaled(frame.image)) for frame in seen)
     mark = "SIMULATED, " if manifest.simulated else ""
     reaction = "" if manifest.react is ReactionKind.NONE else f", on a slip: {manifest.react}"
-    return _Scene(f"{mark}{lift.title}{reaction}", lift.curves, tuple(tips), _newest(camera))
-
-
-def _of_clip(series: EstimatedSeries) -> _Scene:
-    curves = estimate_curves(series)
-    frames = ((f.time.time_ns / NS_PER_S, f.image) for f in series.frames if f.image is not None)
-    return _Scene(series.name, curves, ((tip_of(series), _newest(frames)),), None)
+    return _Scene(f"{mark}{lift.title}{reaction}", lift, tuple(tips), _newest(camera))
 
 
 def _newest(frames: Iterable[tuple[float, Image]]) -> _ImageAt:
@@ -235,13 +234,13 @@ def _newest(frames: Iterable[tuple[float, Image]]) -> _ImageAt:
 
 
 def _pictures(scenes: Sequence[_Scene], step_s: float, width_px: int | None) -> Iterator[Image]:
-    starts, ends = zip(*(shown_range(scene.curves) for scene in scenes), strict=True)
-    if max(ends) - min(starts) > MOST_PICTURES * step_s:
+    start_s, end_s = scenes[0].ranges[0]
+    if end_s - start_s > MOST_PICTURES * step_s:
         raise InputError(f"the film would have more than {MOST_PICTURES} pictures: give a higher --speed")
-    for time_s in steps(np.arange(min(starts), max(ends), step_s)):
+    for time_s in steps(np.arange(start_s, end_s, step_s)):
         rows = [_picture(scene, float(time_s)) for scene in scenes]
         width = max(row.shape[1] for row in rows)
-        legend = _legend(width, any(scene.curves.phases_s for scene in scenes))
+        legend = _legend(width, any(scene.lift.phases_s for scene in scenes))
         picture = np.concatenate([*(_widened(row, width) for row in rows), legend])
         # most codecs reject an odd last row and column
         picture = picture[: picture.shape[0] // 2 * 2, : width // 2 * 2]
@@ -251,7 +250,9 @@ def _pictures(scenes: Sequence[_Scene], step_s: float, width_px: int | None) -> 
         yield np.ascontiguousarray(picture)
 
 
-_panel = lru_cache(maxsize=8)(draw_panel)
+@lru_cache(maxsize=8)
+def _panel(scene: _Scene, width_px: int) -> CurvePanel:
+    return draw_panel(scene.lift, scene.ranges, width_px, CURVE_PX)
 
 
 def _widened(picture: Image, width: int) -> Image:
@@ -262,7 +263,7 @@ def _widened(picture: Image, width: int) -> Image:
 def _picture(scene: _Scene, time_s: float) -> Image:
     panels = []
     for tip, image_at in scene.tips:
-        image, angles = image_at(time_s), angles_at(scene.curves, tip.serial, time_s)
+        image, angles = image_at(time_s), angles_at(scene.lift, tip.serial, time_s)
         picture = _empty("no frames") if image is None else _scaled(drawn(image, tip, *angles))
         panels.append(_labelled(picture, tip.serial))
     if scene.camera is not None:
@@ -271,18 +272,18 @@ def _picture(scene: _Scene, time_s: float) -> Image:
     gap = _blank(HEIGHT_PX, GAP_PX)
     row = np.concatenate([part for panel in panels for part in (panel, gap)][:-1], axis=1)
     width = max(row.shape[1], LEAST_WIDTH_PX)
-    curve = _panel(scene.curves, width, CURVE_PX).until(time_s)
+    curve = _panel(scene, width).until(time_s)
     return np.concatenate([_widened(row, width), curve, _band(scene, time_s, width)])
 
 
 def _band(scene: _Scene, time_s: float, width: int) -> Image:
     """Draw the line of text below: lift, phase and both angles."""
     band = _blank(BAND_PX, width)
-    begun = [(t, name) for name, t in scene.curves.phases_s.items() if t <= time_s]
+    begun = [(t, name) for name, t in scene.lift.begins_s.items() if t <= time_s]
     phase = max(begun)[1] if begun else ""
-    estimate, truth = angles_at(scene.curves, "", time_s)
-    angles = caption(time_s, estimate, truth if scene.curves.phases_s else None)
-    stage = f"   phase {phase}" if scene.curves.phases_s else ""
+    estimate, truth = angles_at(scene.lift, "", time_s)
+    angles = caption(time_s, estimate, truth if scene.lift.phases_s else None)
+    stage = f"   phase {phase}" if scene.lift.phases_s else ""
     text = f"{scene.title}{stage}   {angles.replace('°', ' deg')}"
     size = min(0.6, 0.6 * (width - 20) / cv2.getTextSize(text, _TEXT, 0.6, 1)[0][0])
     cv2.putText(band, text, (10, BAND_PX - 12), _TEXT, size, rgb(INK.light), 1, cv2.LINE_AA)

@@ -8,29 +8,21 @@ from drivers.clock import NS_PER_S
 from drivers.types import Image
 from rig.frames.estimates import EstimatedSeries
 from rig.pages.page import render
-from rig.report.lift_chart import key, lift_chart
+from rig.report.charts import key, lift_chart
 from rig.report.parts import Notice, Table, angle_text, made_text, table_of
 from rig.report.strips import FRAMES, Still, TipFrames, caption, drawn, still, tip_at_zero
-from rig.sessions.lift_curves import LiftCurves
-from rig.tactile.angles import Angles
+from rig.sessions.records import Lift, lift_of_table
+from rig.tactile.angles import FUSED
 from rig.tactile.contact.finder import ContactFinder
 
 
-def estimate_curves(series: EstimatedSeries) -> LiftCurves:
-    """Return an estimate as the curves of a lift without ground truth and phases."""
-    angles = series.estimate.angles
-    return LiftCurves(
-        series.name,
-        angles,
-        Angles(np.empty(0), np.empty(0)),
-        onset_estimate_s=series.figures.slip_s,
-        tips={series.name: angles},
-        time_label="time, s",
-    )
+def estimate_lift(series: EstimatedSeries) -> Lift:
+    """Return an estimate as a lift without ground truth and phases."""
+    angles = dict.fromkeys((FUSED, ""), series.estimate.angles)
+    return lift_of_table(name=series.name, angles=angles, onset_estimate_s=series.figures.slip_s)
 
 
 def tip_of(series: EstimatedSeries) -> TipFrames:
-    """Return the data that are drawn into the frames of a series."""
     found, zero = series.estimate, None
     if found.zero is not None:
         zero = next(iter(_images(series, [found.times.index(found.zero)]).values()), None)
@@ -81,9 +73,12 @@ def _table(of: Sequence[EstimatedSeries]) -> Table:
 
 
 def _shown(series: EstimatedSeries) -> dict[str, object]:
-    curves = estimate_curves(series)
     where = f"0 degrees is {series.figures.reference}; angles from {series.angles_from}"
-    return {"chart": lift_chart(curves, where), "strips": {"": _stills(series)}, "problem": None}
+    return {
+        "chart": lift_chart(estimate_lift(series), where),
+        "strips": {"": _stills(series)},
+        "problem": None,
+    }
 
 
 def _stills(series: EstimatedSeries) -> list[Still]:

@@ -95,7 +95,6 @@ class ReportPage:
 
 
 def anchor(lift: Lift) -> str:
-    """Return a lift's id in the page."""
     return f"lift-{lift.number}"
 
 

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -110,7 +111,10 @@ def recording_page(recording: Recording, now: datetime | None = None) -> str:
     now, manifest = now or datetime.now(UTC), recording.manifest
     by_serial = _by_serial(recording.taken)
     gaps = [gap for serial, taken in by_serial.items() for gap in _gaps(serial, taken)]
-    poses = _all_poses(manifest)
+    object_id = manifest.objects[0] if manifest.objects else ""
+    poses = None
+    with suppress(InputError):  # the object is not known here
+        poses = len(grasp_poses(find_grasp_file(object_id, manifest.config.objects)))
     whole = poses is not None and recording.accepted >= poses
     maps = [place_map(serial, taken) for serial, taken in by_serial.items()]
     names = ", ".join(f"{i} {_name(i, manifest)}".strip() for i in manifest.objects)
@@ -143,14 +147,6 @@ def _by_serial(taken: Iterable[Taken]) -> dict[str, list[Taken]]:
     for image in taken:
         found.setdefault(image.about.serial, []).append(image)
     return dict(sorted(found.items()))
-
-
-def _all_poses(manifest: RecordManifest) -> int | None:
-    """Return the number of poses in the object's file; None if the file is not found."""
-    try:
-        return len(grasp_poses(find_grasp_file(manifest.objects[0], manifest.config.objects)))
-    except (InputError, IndexError):
-        return None
 
 
 def _tiles(recording: Recording) -> list[tuple[str, str]]:

@@ -1,7 +1,7 @@
 """Read a session for a report, as far as it is readable, with notices about damaged parts."""
 
 import struct
-from collections.abc import Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeVar
@@ -13,13 +13,11 @@ from drivers.progress import steps
 from rig.report.parts import Notice, joined
 from rig.sessions.codec import Codec
 from rig.sessions.files import RESULTS, TIMING
-from rig.sessions.lift_curves import LiftCurves
 from rig.sessions.manifest import TrialManifest
-from rig.sessions.reading import read_curves
+from rig.sessions.reading import read_angles
 from rig.sessions.recording_file import recording_gaps
-from rig.sessions.records import LIFTS, Lift, finished
+from rig.sessions.records import LIFT_TIMINGS, LIFTS, Lift, LiftTiming, finished
 from rig.sessions.rows import readable_rows
-from rig.sessions.timing import LIFT_TIMINGS, LiftTiming
 
 Record = TypeVar("Record")
 UNREADABLE = (
@@ -59,7 +57,7 @@ def read_trial(folder: Path, manifest: TrialManifest) -> Trial:
             "from the rig's disk, or repeat these lifts."
         )
         problems.append(Notice("bad", what, advice))
-    gaps = [(lift, lift.curves.gaps) for lift in lifts if lift.curves and lift.curves.gaps]
+    gaps = [(lift, lift.notes) for lift in lifts if lift.notes]
     if gaps:
         named = joined([f"{lift.title} ({lift.recording}: {joined(list(of))})" for lift, of in gaps])
         advice = (
@@ -72,9 +70,9 @@ def read_trial(folder: Path, manifest: TrialManifest) -> Trial:
 
 
 def _read_lift(folder: Path, lift: Lift, manifest: TrialManifest) -> Lift:
-    """Read a lift's curves, skipping gaps. Raises `SessionError` and other errors of `UNREADABLE`."""
+    """Read a lift's angles, skipping gaps. Raises `SessionError` and other errors of `UNREADABLE`."""
     gaps = tuple(recording_gaps(folder / lift.recording))
-    return replace(lift, curves=replace(read_curves(folder, lift, manifest.signs, []), gaps=gaps))
+    return replace(read_angles(folder, lift, manifest.signs, []), notes=gaps)
 
 
 def find_lift(folder: Path, manifest: TrialManifest, wanted: str | None) -> Lift:
@@ -130,5 +128,6 @@ def _why(error: BaseException) -> str:
     return (str(error).partition(".mcap: ")[2] or str(error)).removeprefix("the recording is ")
 
 
-def curves_of(lifts: Sequence[Lift]) -> list[LiftCurves]:
-    return [lift.curves for lift in lifts if lift.curves is not None]
+def with_angles(lifts: Iterable[Lift]) -> list[Lift]:
+    """Return the lifts whose recordings can be read."""
+    return [lift for lift in lifts if lift.angles]

@@ -8,6 +8,7 @@ continues without it.
 
 import hashlib
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cache, partial
 from io import BytesIO
@@ -20,15 +21,15 @@ from drivers.formats import write_whole
 from drivers.named_classes import is_class_name
 from rig.experiments.lift_plan import TrialSettings, trial_of
 from rig.experiments.process_pool import run_tasks
-from rig.experiments.replay import replay_or_problem
+from rig.experiments.replay import replay_lift
 from rig.report.session import UNREADABLE, read_timing, read_usable
 from rig.sessions.codec import json_line
 from rig.sessions.files import MANIFEST, RESULTS, append_line, drop_torn_line, state_folder
 from rig.sessions.manifest import TrialManifest, is_session, read_manifest_of
-from rig.sessions.reading import read_curves
+from rig.sessions.reading import read_angles
 from rig.sessions.records import FIGURES, LIFTS, Lift, finished
 from rig.sessions.rows import read_usable_lifts, readable_rows
-from rig.tactile.angles import FUSED, Angles
+from rig.tactile.angles import FUSED, MARKERS, Angles
 from rig.tactile.estimators import ESTIMATORS
 
 Progress = Callable[[int, int, Lift], None]
@@ -62,10 +63,11 @@ def _stored_side(folder: Path, name: str | None, manifest: TrialManifest) -> Sid
     rows, problems = read_usable(folder / RESULTS["trial"], LIFTS)
     timed = [timing for timing in read_timing(folder) if "total" in timing.stages]
     took = {(timing.number, timing.attempt): timing.stages["total"].p50_ms for timing in timed}
-    lifts = [
-        replace(_with_curves(folder, lift, manifest), frame_ms=took.get((lift.number, lift.attempt)))
-        for lift in finished(rows)
-    ]
+    lifts = []
+    for lift in finished(rows):
+        with suppress(*UNREADABLE):
+            lift = read_angles(folder, lift, manifest.signs)
+        lifts.append(replace(lift, frame_ms=took.get((lift.number, lift.attempt))))
     if not lifts:
         raise SessionError(f"{folder}: no finished lift to compare; run the trial with --resume first")
     notes = tuple(notice.what for notice in problems)
@@ -87,60 +89,54 @@ def estimator_side(folder: Path, estimator: str, jobs: int, progress: Progress) 
     if not found:
         raise SessionError(problems[0])
     kept = (f"{counted(before, 'lift')} replayed with {estimator} before",) if before else ()
-    curves = {(lift.number, lift.attempt): lift.curves for lift in stored.lifts}
+    truths = {(lift.number, lift.attempt): lift.truth for lift in stored.lifts if lift.angles}
     lifts = []
-    for row, angles in found:
-        own = curves.get((row.number, row.attempt))
-        lifts.append(replace(row, curves=own and replace(own, estimate=angles, tips={})))
+    for row in found:
+        truth = truths.get((row.number, row.attempt))
+        angles = None if truth is None else {FUSED: row.estimate, MARKERS: truth}
+        lifts.append(replace(row, angles=angles))
     amiss = (f"{row.object}/{row.lift}: {row.estimator_faults}" for row in lifts if row.estimator_faults)
     notes = (*stored.notes, *problems, *kept, *amiss)
     return Side(estimator, lifts, stored.simulated, f"{wanted.name}, window {wanted.window}", notes)
 
 
-def _with_curves(folder: Path, lift: Lift, manifest: TrialManifest) -> Lift:
-    try:
-        return replace(lift, curves=read_curves(folder, lift, manifest.signs))
-    except UNREADABLE:
-        return lift
-
-
 SOURCES = ("rig/tactile", "rig/lift", "rig/models", "rig/sessions", "calibration", "drivers")
 """Folders and files of the code that a replay's results depend on."""
-Replayed = tuple[Lift, Angles]
-"""A lift's row, and its fused angles."""
 
 
 def replayed(
     folder: Path, settings: TrialSettings, jobs: int, progress: Progress
-) -> tuple[list[Replayed], tuple[str, ...], int]:
+) -> tuple[list[Lift], tuple[str, ...], int]:
     """Replay the lifts of a session.
 
-    Returns them, messages about unreadable ones, and the number found in the cache. Raises `SessionError` for
-    a damaged session.
+    Returns them with their fused angles, messages about unreadable ones, and the number found in the cache.
+    Raises `SessionError` for a damaged session.
     """
     usable = read_usable_lifts(folder)
     file = None if settings.estimator.foreign else _file(folder, settings)
     kept = _kept(file) if file else {}
-    found: dict[int, Replayed] = {}
+    found: dict[int, Lift] = {}
     for row in usable.lifts:
         before = kept.get((row.number, row.attempt))
         if file and before and (angles := _kept_angles(file, row)) is not None:
-            found[row.number] = replace(row, **{name: getattr(before, name) for name in FIGURES}), angles
+            figures = {name: getattr(before, name) for name in FIGURES}
+            found[row.number] = replace(row, **figures, angles={FUSED: angles})
     count, problems = len(found), list(usable.problems)
     left = [row for row in usable.lifts if row.number not in found]
-    for _, again in run_tasks(partial(replay_or_problem, folder, settings), left, jobs):
-        if isinstance(again, str):
-            problems.append(again)
+    work = partial(replay_lift, folder, settings, around_gaps=False)
+    for _, (again, problem) in run_tasks(work, left, jobs):
+        if again is None:
+            problems.append(problem or "")
             continue
-        found[again[0].number] = again
+        found[again.number] = again
         if file is not None:
-            _keep(file, *again)
-        progress(len(found), len(usable.lifts), again[0])
+            _keep(file, again)
+        progress(len(found), len(usable.lifts), again)
     return [found[number] for number in sorted(found)], tuple(problems), count
 
 
-def _keep(file: Path, row: Lift, angles: Angles) -> None:
-    data = BytesIO()
+def _keep(file: Path, row: Lift) -> None:
+    data, angles = BytesIO(), row.estimate
     np.save(data, np.column_stack([angles.time_s, angles.angle_deg, angles.sigma_deg]))
     try:
         file.parent.mkdir(parents=True, exist_ok=True)

@@ -17,10 +17,10 @@ from drivers.images import decode_stored, encode_jpeg
 from drivers.types import Frame, Image
 from rig.pages.palette import ESTIMATE, TRUTH
 from rig.report.parts import angle_text
-from rig.sessions.lift_curves import LiftCurves
 from rig.sessions.reading import recorded_frames, recorded_jpeg
 from rig.sessions.recorder import image_topic
 from rig.sessions.recording_file import recorded_messages
+from rig.sessions.records import Lift
 from rig.tactile.contact.background import mean_background
 from rig.tactile.contact.finder import ContactFinder
 from rig.tactile.paper.axis import ellipse_axis
@@ -58,17 +58,17 @@ class TipFrames:
 
 
 def pictures(
-    path: Path, lift: LiftCurves, zero_ns: int, serial: str, sign: int | None, times_s: Sequence[float]
+    path: Path, lift: Lift, serial: str, sign: int | None, times_s: Sequence[float]
 ) -> list[tuple[Image, str]]:
     """Return a source's images nearest to some times, with captions; only these are decoded.
 
-    zero_ns: start of phase B by the recording's clock. sign: of a fingertip, whose contact and angles are
+    sign: of a fingertip, whose contact and angles are
     drawn into the images; None for the camera. Raises `SessionError` for a recording without such images.
     """
     messages = [
         (time_ns, data) for _, time_ns, _, data in recorded_messages(path, image_topic(serial), gaps=[])
     ]
-    grasp_ns = zero_ns + round(lift.phases_s.get("A", 0.0) * NS_PER_S)
+    grasp_ns = lift.zero_ns + round(lift.begins_s.get("A", 0.0) * NS_PER_S)
     untouched = [data for time_ns, data in messages if time_ns < grasp_ns]
     if sign is not None:
         messages = messages[len(untouched) :]
@@ -76,8 +76,8 @@ def pictures(
         raise SessionError(f"{path}: holds no frames of {serial} before and after the grasp")
 
     def nearest(time_s: float) -> tuple[float, Image]:
-        time_ns, data = min(messages, key=lambda message: abs(message[0] - zero_ns - time_s * NS_PER_S))
-        return (time_ns - zero_ns) / NS_PER_S, decode_stored(recorded_jpeg(data, path))
+        time_ns, data = min(messages, key=lambda message: abs(message[0] - lift.zero_ns - time_s * NS_PER_S))
+        return (time_ns - lift.zero_ns) / NS_PER_S, decode_stored(recorded_jpeg(data, path))
 
     tip, found = None, []
     if sign is not None:
@@ -93,13 +93,13 @@ def pictures(
     return found
 
 
-def strip(path: Path, lift: LiftCurves, zero_ns: int, serial: str, sign: int | None) -> list[Still]:
+def strip(path: Path, lift: Lift, serial: str, sign: int | None) -> list[Still]:
     """Return small images of a source over a lift: at the zero, during the slip, at the end.
 
     Arguments and errors are those of `pictures`.
     """
     stills = []
-    for picture, text in pictures(path, lift, zero_ns, serial, sign, moments(lift)):
+    for picture, text in pictures(path, lift, serial, sign, moments(lift)):
         scale = min(1.0, LONG_SIDE_PX / max(picture.shape[:2]))
         small = cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
         stills.append(still(np.asarray(small, np.uint8), text))
@@ -112,9 +112,9 @@ def still(picture: Image, text: str) -> Still:
     return Still(encode_jpeg(picture, JPEG_QUALITY), text, (width, height))
 
 
-def moments(lift: LiftCurves, count: int = FRAMES) -> list[float]:
+def moments(lift: Lift, count: int = FRAMES) -> list[float]:
     """Return the times of images, s: the zero, equal steps of the rotation, and the end of C."""
-    start, end = lift.phases_s.get("B", 0.0), lift.phases_s.get("lower", 0.0)
+    start, end = lift.begins_s.get("B", 0.0), lift.begins_s.get("lower", 0.0)
     onset = lift.onset_truth_s if lift.onset_truth_s is not None else start
     turned = lift.truth.known
     settled = end
@@ -125,14 +125,14 @@ def moments(lift: LiftCurves, count: int = FRAMES) -> list[float]:
     return [start, *np.linspace(onset, settled, count - 1)[1:].tolist(), max(end - 0.05, start)]
 
 
-def read_tip(path: Path, lift: LiftCurves, zero_ns: int, serial: str, sign: int) -> TipFrames:
-    grasp_ns = zero_ns + round(lift.phases_s.get("A", 0.0) * NS_PER_S)
+def read_tip(path: Path, lift: Lift, serial: str, sign: int) -> TipFrames:
+    grasp_ns = lift.zero_ns + round(lift.begins_s.get("A", 0.0) * NS_PER_S)
     frames = list(recorded_frames(path, serial, gaps=[]))
     reference = [f.image for f in frames if f.time_ns < grasp_ns]
     frames = [f for f in frames if f.time_ns >= grasp_ns]
     if not reference or not frames:
         raise SessionError(f"{path}: holds no frames of {serial} before and after the grasp")
-    zero = min(frames, key=lambda frame: abs(frame.time_ns - zero_ns))
+    zero = min(frames, key=lambda frame: abs(frame.time_ns - lift.zero_ns))
     finder = ContactFinder(mean_background(reference))
     return replace(tip_at_zero(serial, sign, finder, zero.image), frames=tuple(frames))
 
@@ -162,7 +162,7 @@ def drawn(image: Image, tip: TipFrames, estimate_deg: float, truth_deg: float) -
     return picture
 
 
-def angles_at(lift: LiftCurves, serial: str, time_s: float) -> tuple[float, float]:
+def angles_at(lift: Lift, serial: str, time_s: float) -> tuple[float, float]:
     """Return a fingertip's angle and the marker angle nearest to a time, deg, NaN if unknown."""
     truth, curve = lift.truth.at(np.array([time_s]))[0], lift.tips.get(serial, lift.estimate)
     nearest = curve.angle_deg[np.abs(curve.time_s - time_s).argmin()] if curve.time_s.size else math.nan

@@ -1,7 +1,7 @@
 """The report of a trial."""
 
-from collections import Counter
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 from datetime import UTC, datetime
 
@@ -13,9 +13,8 @@ from protocols.reaction import ReactionKind
 from rig.pages.page import render
 from rig.report import charts
 from rig.report.advice import calibration_table, trial_notices
-from rig.report.curves import signed_errors
+from rig.report.charts import common_ranges, key, lift_chart
 from rig.report.explored import angle_panels, explored, film_mark, recorded_lift, with_films
-from rig.report.lift_chart import key, lift_chart, on_one_scale
 from rig.report.parts import (
     Chart,
     Notice,
@@ -28,30 +27,35 @@ from rig.report.parts import (
     mare_tile,
     table_of,
 )
-from rig.report.session import UNREADABLE, Trial, curves_of
+from rig.report.session import UNREADABLE, Trial, with_angles
 from rig.report.strips import Still, strip
 from rig.results.metrics import FEWEST_LIFTS, INTERVAL, Floats, mare_of, mare_text, summarize
 from rig.results.summary import TrialSummary, summarize_trial
-from rig.sessions.lift_curves import LiftCurves
-from rig.sessions.records import SHOWN, ErrorSummary, Lift, LiftOutcome
-from rig.sessions.timing import LiftTiming, StageTimes
+from rig.sessions.records import SHOWN, Lift, LiftOutcome, LiftTiming, StageTimes, totals
+from rig.tactile.angles import FUSED
 
 WORST_LIFTS = 3
 MOST_PAIRS = 3
 
 
-def trial_page(trial: Trial, now: datetime | None = None, other: Trial | None = None) -> ReportPage:
+def trial_page(trial: Trial, other: Trial | None = None, now: datetime | None = None) -> ReportPage:
     """Return the report of a trial as one HTML page.
 
     other: the same lifts without a reaction to slip, or with one. Raises `InputError` for any other session.
     """
     now = now or datetime.now(UTC)
     summary = summarize_trial(trial.rows)
-    anchors = {lift.title: anchor(lift) for lift in trial.lifts if lift.curves is not None}
+    anchors = {lift.title: anchor(lift) for lift in with_angles(trial.lifts)}
     figures = _charts(trial)
-    lifts = [_chart(trial, lift, lift.curves) for lift in steps(trial.lifts) if lift.curves is not None]
+    lifts = []
+    for lift in steps(with_angles(trial.lifts)):
+        data = explored(lift, angle_panels(lift))
+        with suppress(*UNREADABLE):  # the page has a notice about the damaged recording
+            data = recorded_lift(trial.folder / lift.recording, lift, film_mark(lift))
+        chart = lift_chart(lift, lift_caption(lift))
+        lifts.append(replace(chart, anchor=anchor(lift), explored=data))
     objects = object_table(summary) if summary.objects else None
-    known = [(lift.re.mean_deg, lift, lift.curves) for lift in trial.lifts if lift.re and lift.curves]
+    known = [(lift.re.mean_deg, lift) for lift in with_angles(trial.lifts) if lift.re]
     worst = sorted(known, key=lambda entry: -entry[0])[:WORST_LIFTS]
     page = render(
         "rig.report",
@@ -68,7 +72,7 @@ def trial_page(trial: Trial, now: datetime | None = None, other: Trial | None = 
         fingertips=fingertip_table(trial.lifts) if lifts else None,
         reacted=None if other is None else beside(trial, other),
         charts=figures,
-        worst=[_with_strips(trial, lift, curves) for _, lift, curves in worst],
+        worst=[_with_strips(trial, lift) for _, lift in worst],
         lifts=lifts,
         lift_table=lift_table(trial.lifts),
         key=key(),
@@ -87,13 +91,13 @@ def object_table(summary: TrialSummary) -> Table:
     return table_of(
         summary.objects,
         {
-            "object": lambda o: f"{o.object_id} {o.name}",
+            "object": lambda o: o.name,
             "MARE in B, °": lambda o: mare_text(o.mare_b),
             "MARE in B and C, °": lambda o: mare_text(o.mare),
-            "lifts": lambda o: str(o.lifts),
+            "lifts": lambda o: str(o.lifts_accepted),
             "true turn, °": lambda o: o.turn_text,
             "answered": lambda o: f"{o.answered:.1%}",
-            "outcomes": lambda o: ", ".join(f"{count} {name}" for name, count in o.outcomes.items()),
+            "outcomes": lambda o: o.outcomes_text,
         },
         ["all", mare_text(summary.mare_b), mare_text(summary.mare), str(summary.lifts_accepted), "",
          f"{summary.answered:.1%}", ""],
@@ -115,20 +119,16 @@ def _tiles(trial: Trial, summary: TrialSummary) -> list[tuple[str, str]]:
         mare_tile(summary.mare_held, "MARE if refused frames keep the last angle"),
         (f"{summary.answered:.1%}", "of the frames answered"),
     ]
-    ratios = charts.sigma_ratios(curves_of(trial.lifts))
+    ratios = charts.sigma_ratios(with_angles(trial.lifts))
     if ratios.size:
         tiles.append((f"{np.mean(ratios <= 2.0):.1%}", "of the errors within 2 sigma; 95 % should be"))
     return tiles
 
 
 def _charts(trial: Trial) -> list[Chart]:
-    lifts = curves_of(trial.lifts)
+    lifts = with_angles(trial.lifts)
     if not lifts:
         return []
-    finals = [
-        charts.Final(lift.title, anchor(lift), lift.final_estimate_deg, lift.final_truth_deg)
-        for lift in trial.lifts
-    ]
     delays, onset_chart = onset_delays_ms(trial.lifts), None
     if any(late_ms.size for late_ms in delays.values()):
         caption = "Delay after the onset of the markers, over the lifts in which both were found."
@@ -137,11 +137,9 @@ def _charts(trial: Trial) -> list[Chart]:
         )
     found = [
         charts.object_chart(trial.lifts),
-        charts.finals_chart(finals),
+        charts.finals_chart(trial.lifts),
         charts.coverage_chart(lifts),
-        charts.error_over_time(lifts),
-        charts.error_against_angle(lifts),
-        charts.error_against_rate(lifts),
+        *(charts.error_against(title, lifts) for title in charts.AGAINST),
         charts.grip_chart(trial.lifts),
         onset_chart,
         charts.surface_chart(trial.lifts, trial.manifest.config.objects),
@@ -151,45 +149,33 @@ def _charts(trial: Trial) -> list[Chart]:
 
 def fingertip_table(lifts: Sequence[Lift]) -> Table:
     """Return a table with the MARE of the fused angle and of each fingertip, from the recorded curves."""
-    curves = curves_of(lifts)
-    sources = {"both, fused": curves}
-    for serial in dict.fromkeys(serial for lift in curves for serial in lift.tips):
-        sources[serial] = [replace(c, estimate=c.tips[serial]) for c in curves if serial in c.tips]
+    lifts = with_angles(lifts)
+    sources = {"both, fused": lifts}
+    for serial in dict.fromkeys(serial for lift in lifts for serial in lift.tips):
+        tips = ((lift, lift.tips.get(serial)) for lift in lifts)
+        sources[serial] = [
+            replace(of, angles={**(of.angles or {}), FUSED: tip}) for of, tip in tips if tip is not None
+        ]
     rows = []
     for name, own in sources.items():
-        mares = (mare_text(mare_of(_errors(lift, phases) for lift in own)) for phases in ("B", "BC"))
+        mares = (mare_text(mare_of(summarize(c.errors(*phases)) for c in own)) for phases in ("B", "BC"))
         known = [np.isfinite(c.estimate.angle_deg[c.within("B", "C")]) for c in own]
         answered = [frames.mean() for frames in known if frames.size]
         rows.append([name, *mares, f"{np.mean(answered):.1%}" if answered else "-"])
     return Table(("angle of", "MARE in B, °", "MARE in B and C, °", "answered"), rows)
 
 
-def _errors(lift: LiftCurves, phases: str) -> ErrorSummary | None:
-    errors = np.abs(signed_errors(lift)[lift.within(*phases)])
-    return summarize(errors[np.isfinite(errors)])
-
-
-def _with_strips(trial: Trial, lift: Lift, curves: LiftCurves) -> dict[str, object]:
-    """Return the chart of a lift with its frames."""
+def _with_strips(trial: Trial, lift: Lift) -> dict[str, object]:
     strips, problem = dict[str, list[Still]](), None
     path, signs = trial.folder / lift.recording, trial.manifest.signs
     for serial in trial.manifest.serials:
         name = serial if serial in signs else f"camera {serial}, marker angle"
         try:
-            strips[name] = strip(path, curves, lift.zero_ns, serial, signs.get(serial))
+            strips[name] = strip(path, lift, serial, signs.get(serial))
         except UNREADABLE as error:
             problem = Notice("bad", f"The frames of {serial} cannot be shown.", str(error))
-    chart = lift_chart(curves, lift_caption(lift))
+    chart = lift_chart(lift, lift_caption(lift))
     return {"chart": chart, "strips": strips, "problem": problem, "anchor": anchor(lift)}
-
-
-def _chart(trial: Trial, lift: Lift, curves: LiftCurves) -> Chart:
-    try:
-        path = trial.folder / lift.recording
-        data = recorded_lift(path, curves, lift.zero_ns, film_mark(lift))
-    except UNREADABLE:  # the page has a notice about the damaged recording
-        data = explored(curves, angle_panels(curves))
-    return replace(lift_chart(curves, lift_caption(lift)), anchor=anchor(lift), explored=data)
 
 
 def lift_table(lifts: Sequence[Lift]) -> Table:
@@ -197,7 +183,7 @@ def lift_table(lifts: Sequence[Lift]) -> Table:
     return table_of(
         lifts,
         {
-            "lift": lambda lift: linked(lift.title, {lift.title: anchor(lift)} if lift.curves else {}),
+            "lift": lambda lift: linked(lift.title, {lift.title: anchor(lift)} if lift.angles else {}),
             "object": lambda lift: lift.label,
             **{column.heading: column.text for column in SHOWN},
         },
@@ -241,10 +227,7 @@ def stage_table(timing: Sequence[LiftTiming]) -> Table | None:
 
 
 def counts_table(rows: Sequence[Lift]) -> Table | None:
-    frames, dropped = Counter[str](), Counter[str]()
-    for row in rows:
-        frames.update(row.frames)
-        dropped.update(row.dropped)
+    frames, dropped = totals(rows, "frames"), totals(rows, "dropped")
     cells = [[source, f"{frames[source]}", f"{dropped[source]}"] for source in frames]
     return Table(("source", "frames", "dropped"), cells) if frames else None
 
@@ -292,16 +275,12 @@ def onset_table(rows: Sequence[Lift]) -> Table | None:
 
 def state_table(rows: Sequence[Lift]) -> Table | None:
     """Return a table of the estimator's states, its skipped stages, and disagreements of the fingertips."""
-    states, skipped, apart = Counter[str](), Counter[str](), Counter[str]()
-    for row in rows:
-        states.update(row.states)
-        skipped.update(row.skipped)
-        apart.update(row.disagreements)
-    frames = sum(states.values())
+    kinds = {"state:": "states", "skipped:": "skipped", "fingertips apart:": "disagreements"}
+    frames = totals(rows, "states").total()
     cells = [
         [f"{kind} {name.replace('_', ' ')}", f"{count}", f"{count / frames:.1%}"]
-        for kind, counts in (("state:", states), ("skipped:", skipped), ("fingertips apart:", apart))
-        for name, count in (counts.items() if frames else ())
+        for kind, figure in kinds.items()
+        for name, count in (totals(rows, figure).items() if frames else ())
     ]
     return Table(("of all tactile frames", "frames", "share"), cells) if frames else None
 
@@ -350,14 +329,9 @@ def _pairs(both: Sequence[tuple[Lift, Lift]]) -> list[list[Chart]]:
     caught.sort(key=lambda pair: abs(pair[1].final_truth_deg or 0.0) - abs(pair[0].final_truth_deg or 0.0))
     drawn = []
     for pair in caught:
-        curves = curves_of(pair)
-        if len(curves) == len(pair) and len(drawn) < MOST_PAIRS:
-            drawn.append(
-                [
-                    lift_chart(own, _reaction_caption(lift))
-                    for lift, own in zip(pair, on_one_scale(curves), strict=True)
-                ]
-            )
+        if len(with_angles(pair)) == len(pair) and len(drawn) < MOST_PAIRS:
+            ranges = common_ranges(pair)
+            drawn.append([lift_chart(lift, _reaction_caption(lift), ranges) for lift in pair])
     return drawn
 
 

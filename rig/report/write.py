@@ -15,7 +15,7 @@ from drivers.errors import InputError, RecordingError
 from rig.pages.figure import column_files
 from rig.pages.page import render
 from rig.report.parts import Notice, ReportPage, Table, made_text
-from rig.report.session import UNREADABLE
+from rig.report.session import UNREADABLE, Trial, read_trial
 from rig.sessions.files import write_file
 from rig.sessions.manifest import RecordManifest, TrialManifest, is_session, read_manifest_of
 
@@ -48,26 +48,27 @@ def write_report(
     if session is not None:
         if len(sources) > 1:
             raise InputError(f"{session} is a session: a report shows one session; rig compare compares two")
-        page, problems = _session_page(session) if beside is None else _pair_page(session, beside)
+        if beside is None:
+            page, problems = _session_page(session)
+        else:
+            why = "only trials react to slip"
+            both = [read_trial(of, read_manifest_of(of, TrialManifest, why)) for of in (session, beside)]
+            page, problems = _trial_page(*both)
         return _written(out or session / REPORT, page, problems, figures)
     if beside is not None:
         raise InputError(f"--beside {beside}: only a trial can be shown beside another")
     from rig.report.curves_page import curves_page, read_tables
 
-    found = read_tables(sources)
+    lifts, notes = read_tables(sources)
     default = sources[0] / REPORT if len(sources) == 1 and sources[0].is_dir() else Path(REPORT)
-    return _written(out or default, curves_page(found), found.notes, figures)
+    return _written(out or default, curves_page(lifts, notes), notes, figures)
 
 
 def _session_page(folder: Path) -> tuple[ReportPage, tuple[str, ...]]:
     try:
         manifest = read_manifest_of(folder, WITH_REPORT, "trials and recordings have reports")
         if isinstance(manifest, TrialManifest):
-            from rig.report.session import read_trial
-            from rig.report.trial_page import trial_page
-
-            trial = read_trial(folder, manifest)
-            return trial_page(trial), tuple(notice.what for notice in trial.problems)
+            return _trial_page(read_trial(folder, manifest))
         from rig.report.recording_page import read_recording, recording_page
 
         recording = read_recording(folder, manifest)
@@ -76,16 +77,12 @@ def _session_page(folder: Path) -> tuple[ReportPage, tuple[str, ...]]:
         return ReportPage(_broken_page(folder, error)), (str(error),)
 
 
-def _pair_page(folder: Path, beside: Path) -> tuple[ReportPage, tuple[str, ...]]:
-    """Return the page of a trial beside another one. Raises `InputError`, `SessionError`."""
-    from rig.report.session import read_trial
+def _trial_page(trial: Trial, *others: Trial) -> tuple[ReportPage, tuple[str, ...]]:
+    """Return the page of a trial, beside another one if it is given. Raises `InputError`."""
     from rig.report.trial_page import trial_page
 
-    trial, other = (
-        read_trial(each, read_manifest_of(each, TrialManifest, "only trials react to slip"))
-        for each in (folder, beside)
-    )
-    return trial_page(trial, other=other), tuple(n.what for each in (trial, other) for n in each.problems)
+    page = trial_page(trial, next(iter(others), None))
+    return page, tuple(notice.what for of in (trial, *others) for notice in of.problems)
 
 
 def _broken_page(folder: Path, error: BaseException) -> str:

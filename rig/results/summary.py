@@ -29,29 +29,6 @@ def main_refusal(states: Iterable[Mapping[str, int]]) -> str:
 
 
 @dataclass(frozen=True, slots=True)
-class ObjectSummary:
-    """One object's row of the table: lifts, outcomes, and MARE over B, and over B and C.
-
-    turn_deg: smallest and largest true rotation; None if no lift has one.
-    """
-
-    object_id: str
-    name: str
-    lifts: int
-    outcomes: dict[str, int]
-    mare_b: Mare | None
-    mare: Mare | None
-    answered: float
-    turn_deg: tuple[float, float] | None
-
-    @property
-    def turn_text(self) -> str:
-        """The range of the true rotations in whole degrees, one number if both ends are equal."""
-        ends = dict.fromkeys(f"{round(end) + 0:+d}" for end in self.turn_deg or ())
-        return " to ".join(ends) or "-"
-
-
-@dataclass(frozen=True, slots=True)
 class ReactingSummary:
     """Effect of reactions to slip.
 
@@ -71,10 +48,19 @@ class ReactingSummary:
 
 @dataclass(frozen=True, slots=True)
 class TrialSummary:
-    """Summary of a trial. reacting: None unless lifts react to slip; their errors are listed separately."""
+    """Summary of lifts: of a trial, of a table, or of one object.
 
-    objects: tuple[ObjectSummary, ...]
+    name: id and name of the object; "all" for the others, which have a summary of each of their `objects`.
+    outcomes: number of lifts by outcome. mare_b: over phase B; mare: over B and C; mare_held: with refused
+    frames held. bench_s: total duration by the bench's clock, including failed attempts. turns_deg: final
+    true angles of the lifts that have one. reacting: None unless lifts react to slip; their errors are listed
+    separately.
+    """
+
+    name: str
+    objects: tuple["TrialSummary", ...]
     lifts_accepted: int
+    outcomes: dict[str, int]
     mare: Mare | None
     mare_b: Mare | None
     mare_held: Mare | None
@@ -82,6 +68,16 @@ class TrialSummary:
     bench_s: float
     turns_deg: tuple[float, ...]
     reacting: ReactingSummary | None = None
+
+    @property
+    def outcomes_text(self) -> str:
+        return ", ".join(f"{count} {name}" for name, count in self.outcomes.items())
+
+    @property
+    def turn_text(self) -> str:
+        """The range of the true rotations in whole degrees, one number if both ends are equal."""
+        ends = (min(self.turns_deg), max(self.turns_deg)) if self.turns_deg else ()
+        return " to ".join(dict.fromkeys(f"{round(end) + 0:+d}" for end in ends)) or "-"
 
     def as_json(self) -> dict[str, object]:
         reacting = self.reacting
@@ -104,59 +100,39 @@ def summarize_trial(rows: Sequence[Lift]) -> TrialSummary:
     """Summarize the accepted lifts among the rows of a session; attempts that a fault ended are ignored."""
     lifts = finished(rows)
     summary = summarize_lifts(lifts, sum(row.bench_s for row in rows))
-    return replace(
-        summary, reacting=_reacting_summary([lift for lift in lifts if lift.reactions is not None])
+    reacting = [lift for lift in lifts if lift.reactions is not None]
+    if not reacting:
+        return summary
+    taken = [lift.reactions or () for lift in reacting]
+    effect = ReactingSummary(
+        kind=reacting[0].react.value,
+        lifts=len(reacting),
+        caught=sum(lift.outcome is LiftOutcome.CAUGHT for lift in reacting),
+        reactions=sum(len(reactions) for reactions in taken),
+        early=sum(reaction.onset_s is None for reactions in taken for reaction in reactions),
+        added_counts=tuple(lift.counts_added or 0 for lift in reacting if lift.reactions),
+        turns_deg=tuple(abs(t) for lift in reacting if (t := lift.final_truth_deg) is not None),
     )
+    return replace(summary, reacting=effect)
 
 
-def summarize_lifts(lifts: Sequence[Lift], bench_s: float) -> TrialSummary:
-    """Summarize lifts. bench_s: total duration by the bench's clock, including failed attempts."""
-    ids = list(dict.fromkeys(lift.object for lift in lifts))
+def summarize_lifts(lifts: Sequence[Lift], bench_s: float = 0.0, name: str = "") -> TrialSummary:
+    """Summarize lifts, and each of their objects unless `name` is that of the only one.
+
+    bench_s: see `TrialSummary`.
+    """
+    by_object: dict[str, list[Lift]] = {}
+    for lift in () if name else lifts:
+        by_object.setdefault(lift.object, []).append(lift)
     return TrialSummary(
-        objects=tuple(_object_summary([lift for lift in lifts if lift.object == i]) for i in ids),
+        name=name or "all",
+        objects=tuple(summarize_lifts(own, name=own[0].label) for own in by_object.values()),
         lifts_accepted=len(lifts),
+        outcomes=dict(Counter(str(lift.outcome) for lift in lifts)),
         mare=mare_of(lift.re for lift in lifts),
         mare_b=mare_of(lift.re_b for lift in lifts),
         mare_held=mare_of(lift.re_held for lift in lifts),
-        answered=_mean([lift.answered for lift in lifts]),
+        answered=sum(lift.answered for lift in lifts) / max(len(lifts), 1),
         bench_s=bench_s,
-        turns_deg=_turns(lifts),
+        turns_deg=tuple(t for lift in lifts if (t := lift.final_truth_deg) is not None),
     )
-
-
-def _reacting_summary(lifts: Sequence[Lift]) -> ReactingSummary | None:
-    if not lifts:
-        return None
-    taken = [lift.reactions or () for lift in lifts]
-    return ReactingSummary(
-        kind=lifts[0].react.value,
-        lifts=len(lifts),
-        caught=sum(lift.outcome is LiftOutcome.CAUGHT for lift in lifts),
-        reactions=sum(len(reactions) for reactions in taken),
-        early=sum(reaction.onset_s is None for reactions in taken for reaction in reactions),
-        added_counts=tuple(sum(r.counts_added for r in reactions) for reactions in taken if reactions),
-        turns_deg=tuple(abs(turn) for turn in _turns(lifts)),
-    )
-
-
-def _object_summary(lifts: Sequence[Lift]) -> ObjectSummary:
-    turns = _turns(lifts)
-    return ObjectSummary(
-        object_id=lifts[0].object,
-        name=lifts[0].name,
-        lifts=len(lifts),
-        outcomes=dict(Counter(str(lift.outcome) for lift in lifts)),
-        mare_b=mare_of(lift.re_b for lift in lifts),
-        mare=mare_of(lift.re for lift in lifts),
-        answered=_mean([lift.answered for lift in lifts]),
-        turn_deg=(min(turns), max(turns)) if turns else None,
-    )
-
-
-def _turns(lifts: Sequence[Lift]) -> tuple[float, ...]:
-    """Return the final true angles, deg, of the lifts that have one."""
-    return tuple(lift.final_truth_deg for lift in lifts if lift.final_truth_deg is not None)
-
-
-def _mean(values: list[float]) -> float:
-    return sum(values) / len(values) if values else 0.0

@@ -21,6 +21,7 @@ from rig.sessions.records import (
     Lift,
     LiftOutcome,
     lift_columns,
+    lift_of_table,
 )
 from rig.sessions.table_files import Columns, Line, csv_bytes, has_parquet, read_csv, read_parquet
 
@@ -122,14 +123,7 @@ def table_lift(row: Line) -> Lift:
         outcome = LiftOutcome(str(row["outcome"]))
     except ValueError as error:
         raise InputError(f"{where}: outcome {shown(row['outcome'])} is not known in the table") from error
-    return Lift(**{**_NOT_IN_TABLE, **values, **errors, "outcome": outcome})
-
-
-_NOT_IN_TABLE: Line = {
-    "number": 0, "attempt": 0, "position": "", "grip_counts": 0, "lift_height_m": 0.0, "bench_s": 0.0,
-    "recording": "", "seed": 0, "simulated": False,
-}  # fmt: skip
-"""Values of a lift from a table without these columns."""
+    return lift_of_table(**{**values, **errors, "outcome": outcome})
 
 
 def summarize_table(rows: Sequence[Line]) -> TrialSummary:

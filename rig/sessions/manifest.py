@@ -140,13 +140,6 @@ def begun_on(
     )
 
 
-def remarked(manifest: Wanted, wanted: Manifest) -> Wanted:
-    """Return a session's manifest with the remarks of its continuation added."""
-    if not isinstance(manifest, BenchManifest) or not isinstance(wanted, BenchManifest):
-        return manifest
-    return replace(manifest, remarks=manifest.remarks.joined(wanted.remarks))
-
-
 def now_text() -> str:
     return datetime.now(UTC).isoformat(timespec="seconds")
 

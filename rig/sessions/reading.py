@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from operator import itemgetter
 from pathlib import Path
 from types import MappingProxyType
@@ -20,7 +20,6 @@ from drivers.images import decode_stored
 from drivers.types import ArmMode, ArmState, Frame, GripperState, Pose, Vector6
 from protocols.observer import LiftEvents, Phase, ReactionStep
 from rig.sessions.codec import Codec, strict
-from rig.sessions.lift_curves import LiftCurves
 from rig.sessions.recorder import (
     ARM_TOPIC,
     GRIPPER_TOPIC,
@@ -225,25 +224,17 @@ def _series(source: str, messages: list[tuple[int, RecordedAngle]], zero_s: floa
     )
 
 
-def read_curves(folder: Path, lift: Lift, serials: Iterable[str], gaps: Gaps | None = None) -> LiftCurves:
-    """Read the angles of a lift over time from its recording.
+def read_angles(folder: Path, lift: Lift, serials: Iterable[str], gaps: Gaps | None = None) -> Lift:
+    """Return a lift with the angles of its recording.
 
     folder: the session. serials: of the fingertips. gaps: see `recorded_messages`. Raises `SessionError`, and
     other errors for a damaged recording.
     """
-    path, zero_s, serials = folder / lift.recording, lift.phases_s[Phase.LIFT], tuple(serials)
+    path, zero_s = folder / lift.recording, lift.phases_s[Phase.LIFT]
     angles = recorded_angles(path, FUSED, MARKERS, *serials, zero_s=zero_s, gaps=gaps)
     if not len(angles[FUSED]) or not len(angles[MARKERS]):
         raise SessionError(f"{path}: the recording is damaged: it holds no angles")
-    return LiftCurves(
-        name=lift.title,
-        estimate=angles[FUSED],
-        truth=angles[MARKERS],
-        phases_s={phase: time_s - zero_s for phase, time_s in lift.phases_s.items()},
-        onset_truth_s=lift.onset_truth_s,
-        onset_estimate_s=lift.onset_estimate_s,
-        tips={serial: angles[serial] for serial in serials},
-    )
+    return replace(lift, angles=angles)
 
 
 def recorded_pose(data: bytes, path: Path) -> Pose:

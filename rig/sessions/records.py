@@ -1,11 +1,13 @@
-"""The records of a session, line by line: lifts, poses, replayed lifts.
+"""The records of a session, line by line: lifts, poses, and the durations of both.
 
 Units are degrees, seconds, metres and pixels, as the names state; angles are positive counter-clockwise in
 the external camera's view. The schema version is in the session's manifest (`manifest.py`). Any
-change of a key requires a new version.
+change of a key requires a new version. Durations are in `timing.jsonl`, because everything else is the same
+for the same seed.
 """
 
 import json
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, fields
 from enum import StrEnum
@@ -13,9 +15,11 @@ from functools import partial
 from operator import attrgetter
 from typing import Annotated, Any, NamedTuple, get_args, get_type_hints
 
+import numpy as np
+from numpy.typing import NDArray
 from pydantic import AfterValidator, Field
 from pydantic_core import CoreSchema
-from pydantic_core.core_schema import none_schema
+from pydantic_core.core_schema import none_schema, plain_serializer_function_ser_schema
 
 from drivers.clock import NS_PER_S
 from drivers.errors import counted
@@ -23,7 +27,7 @@ from protocols.observer import Phase
 from protocols.reaction import ReactionKind
 from rig.config.fields import FileName, InnerPath
 from rig.sessions.codec import Codec, strict
-from rig.sessions.lift_curves import LiftCurves
+from rig.tactile.angles import FUSED, MARKERS, Angles, Floats
 from rig.tactile.sample import EstimatorFaults
 
 
@@ -148,6 +152,9 @@ class ReactionRecord:
     rest_turn_deg: float | None
 
 
+NO_ANGLES = Angles(np.empty(0), np.empty(0))
+
+
 IN_RESULTS, IN_CSV, IF_REACTING = "results", "always", "reacting"
 """Tables that have a column: those of many lifts; these and a session's `lifts.csv`; these and `lifts.csv` of
 sessions with reactions to slip."""
@@ -223,7 +230,11 @@ class _NotStored:
     """Marks a field of a record that a line never has."""
 
     def __get_pydantic_core_schema__(self, source: object, handler: object) -> CoreSchema:
-        return none_schema()
+        return none_schema(serialization=plain_serializer_function_ser_schema(lambda value: None))
+
+
+_UNSTORED = {"stored": lambda lift: False}
+"""Metadata of a field that a line never has."""
 
 
 @strict
@@ -319,9 +330,13 @@ class Lift:
         "speed of the time stamps of sources divided by that of the clock, by name; only warnings",
         default=None,
     )
-    curves: Annotated[LiftCurves | None, _NotStored()] = field(default=None, compare=False)
-    """The angles over time, once `rig.sessions.reading.read_curves` has read them from the recording."""
-    frame_ms: Annotated[float | None, _NotStored()] = field(default=None, compare=False)
+    angles: Annotated[dict[str, Angles] | None, _NotStored()] = field(
+        default=None, compare=False, metadata=_UNSTORED
+    )
+    """The angles over time by source, once `rig.sessions.reading.read_angles` or a table has given them."""
+    notes: Annotated[tuple[str, ...], _NotStored()] = field(default=(), compare=False, metadata=_UNSTORED)
+    """Damaged parts of the recording, which the angles leave out, or wrapped angles of a table."""
+    frame_ms: Annotated[float | None, _NotStored()] = field(default=None, compare=False, metadata=_UNSTORED)
     """Median wall time per tactile frame with contact, if read from the session's timing."""
 
     @property
@@ -330,13 +345,52 @@ class Lift:
         return round(self.phases_s[Phase.LIFT] * NS_PER_S)
 
     @property
+    def estimate(self) -> Angles:
+        """The fused angle over time; without angles it is empty, as the others are."""
+        return (self.angles or {}).get(FUSED, NO_ANGLES)
+
+    @property
+    def truth(self) -> Angles:
+        """The marker angle over time."""
+        return (self.angles or {}).get(MARKERS, NO_ANGLES)
+
+    @property
+    def tips(self) -> dict[str, Angles]:
+        """The angle of each fingertip over time, by serial."""
+        return {name: of for name, of in (self.angles or {}).items() if name not in (FUSED, MARKERS)}
+
+    @property
+    def begins_s(self) -> dict[str, float]:
+        """Start of each phase at the time axis of the angles, s; empty if unknown."""
+        return {name: t - self.estimate.zero_ns / NS_PER_S for name, t in self.phases_s.items()}
+
+    @property
+    def error_deg(self) -> Floats:
+        """Estimate minus truth at each frame of the estimate, (N,) deg; NaN if either is missing."""
+        return self.estimate.angle_deg - self.truth.at(self.estimate.time_s)
+
+    def errors(self, *phases: str) -> Floats:
+        """Return the known absolute errors in some phases, by default in all frames, (M,) deg."""
+        errors = np.abs(self.error_deg[self.within(*phases)] if phases else self.error_deg)
+        return errors[np.isfinite(errors)]
+
+    def within(self, *phases: str) -> NDArray[np.bool_]:
+        """Return which frames of the estimate, (N,) bool, are in these phases; all if phases are unknown."""
+        times, begins_s = self.estimate.time_s, self.begins_s
+        inside = np.full(times.shape, not begins_s)
+        for begins in (begins_s[phase] for phase in phases if phase in begins_s):
+            ends = min((t for t in begins_s.values() if t > begins), default=np.inf)
+            inside |= (times >= begins) & (times < ends)
+        return inside
+
+    @property
     def label(self) -> str:
         return f"{self.object} {self.name}"
 
     @property
     def title(self) -> str:
-        """Name for display, such as "wrench, lift 3"."""
-        return f"{self.name}, lift {self.lift}"
+        """Name for display, such as "wrench, lift 3"; without a number, only the name."""
+        return f"{self.name}, lift {self.lift}" if self.lift else self.name
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -447,13 +501,25 @@ class PoseRow:
         return self.fault is not None
 
 
+IMAGE_COLUMNS = {
+    "file": str, "pose": int, "position": str, "orientation_deg": float, "grip_counts": int, "serial": str,
+    "time_s": float, "contact_area_px": float,
+}  # fmt: skip
+"""Columns of tables of images, with their types."""
+
+
+def image_lines(poses: Iterable[PoseRow]) -> Iterator[dict[str, object]]:
+    """Yield the values of each image of some poses, by column."""
+    return ({**vars(pose), **vars(image)} for pose in poses for image in pose.images)
+
+
 class _LiftCodec(Codec[Lift]):
     """Reads lifts. A lift that counts has all figures that are not optional; any other lift has none."""
 
     def parsed(self, text: bytes) -> Lift:
         """Return the lift of a JSON text. Raises `ValueError` naming the invalid key."""
         lift, keys = super().parsed(text), json.loads(text).keys()
-        needed = [of.name for of in fields(Lift) if "stored" in of.metadata]
+        needed = [of.name for of in fields(Lift) if {"stored", "figure"} <= of.metadata.keys()]
         if lift.accepted and (missing := [name for name in needed if name not in keys]):
             raise ValueError(f"'{missing[0]}' is missing")
         if lift.accepted == (lift.outcome is LiftOutcome.FAULT) or lift.accepted != (lift.fault is None):
@@ -463,9 +529,76 @@ class _LiftCodec(Codec[Lift]):
         return lift
 
 
+@dataclass(frozen=True, slots=True)
+class StageTimes:
+    """Percentiles of a stage's computing time per frame, ms."""
+
+    p50_ms: float
+    p95_ms: float
+    p99_ms: float
+
+
+@dataclass(frozen=True, slots=True)
+class LatencyTimes(StageTimes):
+    """Percentiles and maximum of the time from a frame's capture to its logged angle, ms."""
+
+    max_ms: float
+
+
+@strict
+@dataclass(frozen=True, kw_only=True)
+class LiftTiming:
+    """A trial's line of `timing.jsonl`. capture_to_angle: by serial, only on benches in real time."""
+
+    number: int
+    attempt: int
+    wall_s: float
+    stages: dict[str, StageTimes]
+    capture_to_angle: dict[str, LatencyTimes] | None = None
+
+
+@strict
+@dataclass(frozen=True, kw_only=True)
+class PoseTiming:
+    """A recording's line of `timing.jsonl`."""
+
+    pose: int
+    attempt: int
+    wall_s: float
+
+
+@strict
+@dataclass(frozen=True, kw_only=True)
+class ReplayTiming:
+    """A replay's line of `timing.jsonl`, in the order in which lifts finished."""
+
+    session: str
+    number: int | None
+
+
+TimingLine = LiftTiming | PoseTiming | ReplayTiming
+
+
 LIFTS: Codec[Lift] = _LiftCodec(Lift)
 POSES: Codec[PoseRow] = Codec(PoseRow)
+LIFT_TIMINGS: Codec[LiftTiming] = Codec(LiftTiming)
 
 
 def finished(lifts: Iterable[Lift]) -> list[Lift]:
     return [lift for lift in lifts if lift.accepted]
+
+
+def lift_of_table(**values: Any) -> Lift:
+    """Return an accepted lift of which a table contains only some values; the others are 0 or empty."""
+    unknown = dict.fromkeys(("number", "attempt", "lift", "grip_counts", "seed"), 0)
+    texts = dict.fromkeys(("object", "name", "position", "recording"), "")
+    other = {"lift_height_m": 0.0, "bench_s": 0.0, "simulated": False, "accepted": True}
+    return Lift(**{**unknown, **texts, **other, "outcome": LiftOutcome.HELD, **values})
+
+
+def totals(lifts: Iterable[Lift], name: str) -> Counter[str]:
+    """Return the sums over lifts of a figure that has a number per key, such as "frames"."""
+    found = Counter[str]()
+    for lift in lifts:
+        found.update(getattr(lift, name) or {})
+    return found

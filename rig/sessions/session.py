@@ -25,9 +25,9 @@ from rig.sessions.files import (
     write_file,
     write_json,
 )
-from rig.sessions.manifest import Manifest, first_difference, now_text, read_manifest, remarked
+from rig.sessions.manifest import BenchManifest, Manifest, first_difference, now_text, read_manifest
+from rig.sessions.records import TimingLine
 from rig.sessions.rows import read_rows
-from rig.sessions.timing import TimingLine
 from rig.sessions.unfinished import name_interrupted, set_aside
 
 Row = TypeVar("Row")
@@ -162,10 +162,12 @@ def open_session(folder: Path, wanted: Manifest, codec: Codec[Row], resume: bool
             )
         manifest = read_manifest(folder)
         require_same(folder, manifest, wanted)
-        remarks = remarked(manifest, wanted)
-        session = Session(folder, remarks, codec)
-        if remarks != manifest:
-            write_json(folder / MANIFEST, json_value(remarks))
+        session = Session(folder, manifest, codec)
+        if isinstance(manifest, BenchManifest) and isinstance(wanted, BenchManifest):
+            remarks = manifest.remarks.joined(wanted.remarks)
+            if remarks != manifest.remarks:
+                session.manifest = replace(manifest, remarks=remarks)
+                write_json(folder / MANIFEST, json_value(session.manifest))
         return session
     if folder.exists() and not folder.is_dir():
         raise InputError(f"{folder} is a file: give another --out")

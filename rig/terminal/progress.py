@@ -25,7 +25,6 @@ class WorkProgress:
         end_phase()
 
     def show(self, done: int, total: int, note: str) -> None:
-        """Show the number of finished pieces, and the result of the last one."""
         end_phase()
         print(f"{done}/{total} {note}", file=sys.stderr, flush=True)
         self._left.piece_done(done, total)

@@ -76,7 +76,6 @@ def press(question: str) -> str:
 
 
 def _terminal() -> bool:
-    """Return whether standard input and standard error are a terminal."""
     return sys.stdin.isatty() and sys.stderr.isatty()
 
 

@@ -81,7 +81,6 @@ class PlainStream:
         return getattr(self._stream, name)
 
     def write(self, text: str) -> int:
-        """Write an escaped text; return the length of the text."""
         self._stream.write(plain(text))
         return len(text)
 
@@ -103,7 +102,6 @@ class TimeLeft:
         self.total, self.done = total, done
 
     def begin(self) -> None:
-        """Start the measurement of time, from now on."""
         self._began_ns = self._clock.now_ns()
 
     def seconds(self, shares: tuple[float, ...] = ()) -> float | None:

@@ -24,11 +24,19 @@ UNBOUNDED = 100_000
 
 
 class PlainConsole(Console):
-    """A rich console that shows square brackets and `:names:` as text and escapes control characters."""
+    """A rich console that shows square brackets and `:names:` as text and escapes control characters.
+
+    Printed tables are fitted to its width.
+    """
 
     def __init__(self, *, file: IO[str] | None = None, stderr: bool = False, **options: Any) -> None:
         stream = file or drawn_stream(sys.stderr if stderr else sys.stdout)
         super().__init__(file=stream, markup=False, emoji=False, **options)
+
+    def print(self, *objects: Any, **options: Any) -> None:
+        if any(isinstance(each, Table) for each in objects):
+            options = {"crop": False, **options}
+        super().print(*(fitted(o, self) if isinstance(o, Table) else o for o in objects), **options)
 
     def render_str(self, text: str, **options: Any) -> Text:
         """Return a text as it is shown, so that its width is measured correctly."""
@@ -40,18 +48,10 @@ class PlainConsole(Console):
             yield segment if segment.control else Segment(plain(segment.text), segment.style)
 
 
-class TableConsole(PlainConsole):
-    """A console that fits tables to its width."""
-
-    def print(self, *objects: Any, **options: Any) -> None:
-        fits = (fitted(o, self) if isinstance(o, Table) else o for o in objects)
-        super().print(*fits, **{"crop": False, **options})
-
-
 def table_console(to_stderr: bool = False) -> Console:
     """Return a console for tables, as wide as the terminal, or of unlimited width without a terminal."""
     terminal = (sys.stderr if to_stderr else sys.stdout).isatty()
-    return TableConsole(stderr=to_stderr, width=None if terminal else UNBOUNDED)
+    return PlainConsole(stderr=to_stderr, width=None if terminal else UNBOUNDED)
 
 
 def console_table(

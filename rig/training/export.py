@@ -1,9 +1,9 @@
-"""The output of a training: a model card, and the network as ONNX in full, half and 8-bit precision."""
+"""A model card, and the network as ONNX in full, half and 8-bit precision; checkpoints become such files."""
 
 import warnings
-from collections.abc import Callable
 from hashlib import sha256
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import onnx
@@ -14,19 +14,20 @@ from onnxruntime.quantization.shape_inference import quant_pre_process
 from torch import nn
 
 from drivers.errors import InputError, RigError
+from rig.sessions.files import write_json
 from rig.tactile.contact.network import METADATA_KEY, Recipe, load_network
-from rig.training.batches import plain_batches
 from rig.training.examples import Examples
+from rig.training.loop import plain_batches
+from rig.training.networks import Architecture, build_network, load_weights
 
 CARD, MODEL, HALF = "card.json", "model.onnx", "model.half.onnx"
 OPSET = 18
+STRIDE = 32
+"""Image sides must be multiples of this: the encoders halve them five times."""
 INPUT, OUTPUT = "planes", "logits"
 CALIBRATION_FRAMES = 96
 MOST_DIFFERENCE = 1e-4
 """Largest accepted difference between the library's logits and those of its ONNX file."""
-
-Report = Callable[[str, float], None]
-"""Takes the progress of a training: a description, and the finished share of what it describes."""
 
 
 def claim(out: Path, threads: int | None) -> None:
@@ -170,3 +171,42 @@ def _describe(model: onnx.ModelProto, recipe: Recipe) -> None:
     del model.metadata_props[:]
     entry = onnx.StringStringEntryProto(key=METADATA_KEY, value=recipe.metadata())
     model.metadata_props.append(entry)
+
+
+def import_checkpoint(
+    checkpoint: Path, architecture: Architecture, encoder: str, size: tuple[int, int], threshold: float,
+    out: Path,
+) -> dict[str, Any]:  # fmt: skip
+    """Write a checkpoint's network as ONNX with a card beside it; return the card.
+
+    checkpoint: a state dict of segmentation-models-pytorch, bare or under `state_dict`. size: (height,
+    width) in px of the images it was trained on. Raises `InputError`.
+    """
+    if any(side % STRIDE or not STRIDE <= side <= 2048 for side in size):
+        raise InputError(f"--size {size[1]}x{size[0]}: give multiples of {STRIDE} px up to 2048")
+    network = build_network(architecture, encoder)
+    load_weights(network, checkpoint)
+    if out.suffix != ".onnx":
+        raise InputError(f"--out {out}: name it with the ending .onnx")
+    try:
+        out.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"{out.parent}: cannot be made ({error.strerror}): choose another --out") from error
+    recipe = Recipe(architecture.inputs, threshold)
+    difference = export_onnx(network, architecture.inputs.channels, size, recipe, out)
+    card = {
+        "name": out.stem,
+        "title": architecture.title,
+        "encoder": encoder if architecture.family else None,
+        "parameters": sum(parameter.numel() for parameter in network.parameters()),
+        "inputs": recipe.inputs.value,
+        "size_px": [size[1], size[0]],
+        "threshold": threshold,
+        "label": "unknown: as in the checkpoint's training data",
+        "data": f"unknown: imported from {checkpoint.name}",
+        "largest_difference_from_library": difference,
+        "files": {"fp32": file_facts(out)},
+        "torch": str(torch.__version__),
+    }
+    write_json(out.with_suffix(".json"), card)
+    return card

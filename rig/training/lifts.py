@@ -24,31 +24,20 @@ from rig.sessions.reading import phase_times, recorded_arm_states, recorded_fram
 from rig.sessions.records import finished
 from rig.sessions.rows import read_lifts
 from rig.tactile.estimators import choose_estimator
+from rig.tactile.peers.learned import WrenchSteps
 from rig.training.examples import sized
 
 SIGHT_HZ = 10.0
 """Rate of the training frames: consecutive frames are nearly identical."""
 TOUCH_N = 0.06
 """Approximate force at which a fingertip shows contact."""
+AT_REST = 0.1
+"""Weight of time steps before the lift, whose angle is 0."""
 LiftReport = Callable[[int, int], None]
 """Takes the numbers of finished and of all simulated lifts."""
 Turn = Callable[[int], float | None]
 """The object's true rotation in the hand since the start of the lift, at a time in ns: deg, counter-clockwise
 as the camera sees it, None if unknown."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class WristSeries:
-    """The arm's states during one lift, from the grasp to the end of phase C.
-
-    states: N samples. turn_deg: (N,) true rotation at each, 0 before the lift, NaN if unknown.
-    rising: (N,) bool, phases B and C.
-    """
-
-    object_id: str
-    states: tuple[ArmState, ...]
-    turn_deg: NDArray[np.float64]
-    rising: NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -84,12 +73,6 @@ def stacked_views(views: Sequence[tuple[str, Image, float]], where: str) -> GelV
     )
 
 
-def hand_turn_deg(base_T_tcp: Pose) -> float:  # noqa: N803
-    """Return a downward hand's angle about the closing axis (base -y), deg, counter-clockwise as seen."""
-    x_axis = base_T_tcp.rotation.apply([1.0, 0.0, 0.0])
-    return math.degrees(math.atan2(float(x_axis[2]), float(x_axis[0])))
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class LearntLift:
     """One lift as training data, stored or simulated.
@@ -107,13 +90,21 @@ class LearntLift:
     frames: Callable[[str], Iterable[Frame]]
     base_T_grasp: Pose | None = None  # noqa: N815
 
-    def wrist(self) -> WristSeries:
-        """Combine the arm's samples with the ground truth."""
+    def steps(self) -> NDArray[np.float32]:
+        """Return the time steps of the wrist network from the grasp to the end of phase C, (T, 8).
+
+        Columns: wrench (N, N m; see `WrenchSteps`), true rotation (deg, 0 before the lift), and weight: 1 in
+        phases B and C, `AT_REST` before, 0 without ground truth.
+        """
         lift_ns, grasp_ns, lower_ns = (self.phases[p] for p in (Phase.LIFT, Phase.GRASP, Phase.LOWER))
-        kept = tuple(s for s in self.states() if grasp_ns <= s.time_ns < lower_ns)
-        rising = np.array([s.time_ns >= lift_ns for s in kept], bool)
-        turns = [self.turn(s.time_ns) if late else 0.0 for s, late in zip(kept, rising, strict=True)]
-        return WristSeries(self.object_id, kept, np.array(turns, np.float64), rising)  # None becomes NaN
+        steps, rows = WrenchSteps(), []
+        for state in self.states():
+            if grasp_ns <= state.time_ns < lower_ns and (wrench := steps.add(state)) is not None:
+                rising = state.time_ns >= lift_ns
+                turn = self.turn(state.time_ns) if rising else 0.0
+                weight = 0.0 if turn is None else 1.0 if rising else AT_REST
+                rows.append((*wrench, turn or 0.0, weight))
+        return np.array(rows, np.float32).reshape(-1, 8)
 
     def views(self, size: tuple[int, int]) -> Iterator[tuple[str, Image, float]]:
         """Yield object, frame of (width, height) `size` and image angle, of both fingertips.
@@ -122,7 +113,9 @@ class LearntLift:
         """
         lift_ns, grasp_ns, lower_ns = (self.phases[p] for p in (Phase.LIFT, Phase.GRASP, Phase.LOWER))
         pose = self.base_T_grasp or next(s for s in self.states() if s.time_ns >= grasp_ns).base_T_tcp
-        hand = hand_turn_deg(pose)
+        # the downward hand's angle about the closing axis (base -y), counter-clockwise as seen
+        x_axis = pose.rotation.apply([1.0, 0.0, 0.0])
+        hand = math.degrees(math.atan2(float(x_axis[2]), float(x_axis[0])))
         for serial, sign in self.signs.items():
             for frame in self.frames(serial):
                 if not lift_ns - to_ns(ZERO_S) <= frame.time_ns < lower_ns:

@@ -1,13 +1,20 @@
-"""The networks: the paper's three from segmentation-models-pytorch, and our own small one."""
+"""The networks: the paper's three from segmentation-models-pytorch, our own small one, and their weights.
+
+Checkpoints of segmentation-models-pytorch are read without running code in them.
+"""
 
 import importlib.util
+import zipfile
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import torch
 from torch import nn
 from torch.nn import functional
 
-from drivers.errors import unknown_name
+from drivers.errors import InputError, RigError, unknown_name
+from drivers.formats import check_zip, reason
 from rig.tactile.contact.network import NetworkInput
 
 # schemas that torchvision's import needs: torchvision/csrc/ops/nms.cpp, quantized/cpu/qnms_kernel.cpp
@@ -17,6 +24,8 @@ DEFAULT_ENCODER = "resnet18"
 ENCODERS = ("resnet18", "efficientnet-b3")
 OURS = "ours"
 PATCH_PX = 4
+_WRAPPERS = ("module.", "model.", "net.")
+"""Prefixes that DataParallel and Lightning add to the names of weights."""
 
 
 def declare_missing_operators() -> None:
@@ -132,3 +141,84 @@ def layer(inputs: int, outputs: int, side: int = 3, stride: int = 1, dilation: i
 
 def _grown(planes: torch.Tensor, like: torch.Tensor) -> torch.Tensor:
     return functional.interpolate(planes, size=like.shape[2:], mode="bilinear", align_corners=False)
+
+
+def read_checkpoint(path: Path) -> dict[str, Any]:
+    """Read a checkpoint's tensors and plain values. Raises `InputError`.
+
+    Code inside a pickle is never run (`weights_only`), so files from untrusted sources are safe.
+    """
+    if not path.is_file():
+        raise InputError(f"{path}: there is no such checkpoint: check the path")
+    try:
+        if zipfile.is_zipfile(path):
+            with zipfile.ZipFile(path) as archive:
+                check_zip(str(path), archive)
+        state = torch.load(path, map_location="cpu", weights_only=True)
+    except RigError:  # the user interrupted the command
+        raise
+    except Exception as error:  # damaged files raise exceptions of any type in the three decoders
+        why = reason(error)
+        raise InputError(
+            f"{path}: is not a complete PyTorch checkpoint of weights ({why}): copy it again, or save it "
+            "again as a dictionary of tensors"
+        ) from error
+    if not isinstance(state, dict):
+        raise InputError(f"{path}: holds a {type(state).__name__}, not a dictionary with 'state_dict'")
+    return state
+
+
+def read_state(path: Path) -> dict[str, torch.Tensor]:
+    """Return the weights under `state_dict`, or else of the whole file, without prefixes of wrappers."""
+    checkpoint = read_checkpoint(path)
+    inner = checkpoint.get("state_dict", checkpoint)
+    if not isinstance(inner, dict):
+        raise InputError(f"{path}: 'state_dict' is a {type(inner).__name__}, not a dictionary of tensors")
+    weights = {str(key): value for key, value in inner.items() if isinstance(value, torch.Tensor)}
+    if not weights:
+        raise InputError(f"{path}: holds no weights (keys: {', '.join(map(str, list(inner)[:5]))})")
+    for prefix in _WRAPPERS:
+        if all(key.startswith(prefix) for key in weights):
+            return {key.removeprefix(prefix): value for key, value in weights.items()}
+    return weights
+
+
+def fill_encoder(encoder: nn.Module, path: Path) -> None:
+    """Load the weights of an encoder; ignore other weights in the file.
+
+    Raises `InputError` if some of the encoder's weights are missing or have another shape.
+    """
+    state = read_state(path)
+    # strict=False, which the library's encoders need, does not report missing weights
+    counters = "num_batches_tracked"  # older files lack them, and inference does not use them
+    lacking = [n for n in encoder.state_dict() if n not in state and not n.endswith(counters)]
+    try:
+        encoder.load_state_dict(state, strict=False)
+    except RuntimeError as error:
+        first = str(error).splitlines()[-1].strip()
+        raise InputError(f"{path}: does not fit the encoder ({first}): choose its own --encoder") from error
+    if lacking:
+        raise InputError(
+            f"{path}: lacks {len(lacking)} of the encoder's weights ({', '.join(lacking[:3])} ...): "
+            "choose the --encoder it was made with"
+        )
+
+
+def load_weights(network: nn.Module, path: Path) -> None:
+    """Load a checkpoint's weights into a network of the same architecture.
+
+    Raises `InputError` naming weights that are missing, unknown or of another shape.
+    """
+    weights, own = read_state(path), network.state_dict()
+    # normalisation statistics that Lightning scripts store beside the network
+    weights = {key: value for key, value in weights.items() if key not in ("mean", "std")}
+    missing = [key for key in own if key not in weights]
+    unknown = [key for key in weights if key not in own]
+    other = [key for key in own if key in weights and own[key].shape != weights[key].shape]
+    for what, keys in (("lacks", missing), ("has unknown", unknown), ("has other shapes for", other)):
+        if keys:
+            raise InputError(
+                f"{path}: {what} {len(keys)} of {len(own)} weights ({', '.join(keys[:3])} ...): "
+                "choose the --arch and --encoder it was made with"
+            )
+    network.load_state_dict(weights)

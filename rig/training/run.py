@@ -29,13 +29,12 @@ from rig.training.export import (
     CARD,
     HALF,
     MODEL,
-    Report,
     export_eight_bit,
     export_half,
     export_onnx,
     file_facts,
 )
-from rig.training.loop import Epoch, Schedule, Training
+from rig.training.loop import Epoch, Report, Schedule, Training
 from rig.training.networks import OURS, Architecture
 
 SIMULATED = "simulated"

@@ -16,8 +16,8 @@ from calibration.gel.look import load_look
 from fakes.studio.turning_frames import FRAMES_PER_FACE
 from rig.sessions.files import write_json
 from rig.tactile.slip.turning import MULTIPLE_PX, SHARE_PX, load_turning
-from rig.training.export import CARD, MODEL, Report, check_agreement, claim, file_facts, onnx_model
-from rig.training.loop import fit
+from rig.training.export import CARD, MODEL, check_agreement, claim, file_facts, onnx_model
+from rig.training.loop import Report, fit
 from rig.training.networks import layer
 from rig.training.turning_examples import TurningExamples, turning_examples
 
@@ -101,13 +101,10 @@ def train_turning(
         losses = functional.binary_cross_entropy_with_logits(network(planes), shares, reduction="none")
         return (losses * weights).sum() / weights.sum()
 
-    def show(epoch: int, mean: float, error: float) -> None:
-        done = f"turning: epoch {epoch} of {epochs}, loss {mean:.3f}, validation {error:.3f}"
-        report(done, epoch / epochs)
-
     validation = np.arange(kept, len(examples))
     validate = partial(error_of, network, examples, validation)
-    errors = fit(network, epochs, BATCH, RATE, kept, loss, validate, show)
+    shown = "turning: {epoch}, loss {loss:.3f}, validation {error:.3f}"
+    errors = fit(network, epochs, BATCH, RATE, kept, loss, validate, report, shown)
     export_turning(network.cpu(), out / MODEL)
     card: dict[str, Any] = {
         "name": "turning",

@@ -10,12 +10,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-import yaml
 
 from calibration.store import read_yaml
 from drivers.types import Pose
-from fakes.studio.calibration_scenes import MarkerPictures
-from rig.benchmark.calibration.board_scenes import BOARD, CAMERA, board_pose, render_target
 from rig.benchmark.calibration.motion_scenes import general_scene, wiggle_scene
 from rig.calibrate.samples import pose_row
 from support.command_line import rig
@@ -44,26 +41,18 @@ def page_is_whole(page: str, pictures: int) -> None:
     assert "nan" not in text.lower().replace("data:image", "").split("base64")[0]
 
 
-@pytest.fixture(scope="module")
-def photos(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Seven views of the board and one of nothing."""
-    folder = tmp_path_factory.mktemp("photos")
-    rng = np.random.default_rng(0)
-    for i in range(7):
-        cv2.imwrite(str(folder / f"{i:02d}.png"), render_target(BOARD, CAMERA, board_pose(rng), rng))
-    cv2.imwrite(str(folder / "nothing.png"), np.full((720, 1280), 90, np.uint8))
-    return folder
-
-
-def test_camera_is_calibrated_from_photos(photos: Path, tmp_path: Path) -> None:
-    done = figures("camera", "--from", photos, "--serial", "C1", "--out", tmp_path)
-    content = yaml.safe_load(Path(done["file"]).read_text())
-    assert content["image_width"] == 1280
-    assert content["camera_matrix"]["data"][0] == pytest.approx(982.0, abs=5.0)
+def test_camera_is_calibrated_on_the_simulated_bench_and_again_from_its_files(tmp_path: Path) -> None:
+    done = figures("camera", "--bench", "fake", "--poses", "8", "--out", tmp_path)
+    samples = tmp_path / "camera-samples"
+    cv2.imwrite(str(samples / "nothing.png"), np.full((480, 640), 90, np.uint8))
+    again = figures("camera", "--from", samples, "--serial", "C1", "--out", tmp_path)
+    content = read_yaml(Path(again["file"]))
+    assert content["image_width"] == 640
+    assert content["camera_matrix"]["data"][0] == pytest.approx(640.0, abs=4.0)
     assert content["calibration"]["serials"] == {"camera": "C1"}
-    assert "nothing.png" in [r["id"] for r in done["rejected"]]
-    page_is_whole(done["page"], 6)
-    same = figures("compare", done["file"], done["file"])
+    assert [r["id"] for r in again["rejected"]] == ["nothing.png"]
+    page_is_whole(again["page"], 6)
+    same = figures("compare", done["file"], again["file"])
     assert same == {"kind": "camera", "rms_px": 0.0, "middle_rms_px": 0.0, "worst_px": 0.0}
 
 
@@ -75,11 +64,8 @@ def test_refused_camera_calibration_writes_a_page_and_exits_with_2(tmp_path: Pat
     done = calibrate("camera", "--from", few, "--target", "chessboard:9x6:25", "--out", tmp_path)
     assert done.returncode == 2
     assert "0 usable distinct views" in done.stderr
-    assert "Traceback" not in done.stderr
     assert "refused" in (tmp_path / "camera-unknown.html").read_text()
-    assert (
-        yaml.safe_load((tmp_path / "camera-unknown.yaml").read_text())["calibration"]["verdict"] == "refused"
-    )
+    assert read_yaml(tmp_path / "camera-unknown.yaml")["calibration"]["verdict"] == "refused"
 
 
 def test_hand_eye_is_calibrated_on_the_simulated_bench_and_again_from_its_files(tmp_path: Path) -> None:
@@ -119,23 +105,14 @@ def test_hand_eye_from_target_poses_needs_no_camera(tmp_path: Path) -> None:
     assert done["quality"]["noise_found"]["robot_m"] < 1e-3
 
 
-@pytest.mark.long
-def test_camera_and_markers_are_calibrated_on_the_simulated_bench(tmp_path: Path) -> None:
-    camera = figures("camera", "--bench", "fake", "--poses", "12", "--out", tmp_path)
-    assert camera["simulated"]
-    assert camera["value"]["camera_matrix"]["data"][0] == pytest.approx(640.0, abs=8.0)
-    markers = figures("markers", "--bench", "fake", "--object", "wrench", "--out", tmp_path)
-    assert markers["simulated"]
-    assert markers["value"]["angle_sigma_deg"] < 0.1
-
-
-def test_markers_at_rest_are_assessed(tmp_path: Path) -> None:
-    pictures, rng = MarkerPictures(), np.random.default_rng(0)
-    for i in range(24):
-        cv2.imwrite(str(tmp_path / f"{i:02d}.png"), pictures.draw(0.0, rng))
-    done = figures("markers", "--from", tmp_path, "--out", tmp_path / "out")
-    assert done["value"]["angle_sigma_deg"] < 0.05
-    page_is_whole(done["page"], 1)
+def test_markers_are_assessed_on_the_simulated_bench_and_again_from_its_files(tmp_path: Path) -> None:
+    done = figures("markers", "--bench", "fake", "--out", tmp_path)
+    again = figures("markers", "--from", tmp_path / "markers-samples", "--out", tmp_path / "again")
+    assert (done["simulated"], again["simulated"]) == (True, False)
+    for each in (done, again):
+        assert each["used"] == 60
+        assert each["value"]["angle_sigma_deg"] < 0.05
+        page_is_whole(each["page"], 1)
 
 
 def test_fingertip_references_are_compared_with_the_previous_ones(tmp_path: Path) -> None:
@@ -189,50 +166,42 @@ def write_tip_poses(folder: Path, poses: Sequence[tuple[str, Pose]], child_frame
     (folder / "poses.csv").write_text("\n".join([header, *rows]))
 
 
-def test_tip_poses_need_a_stated_frame_and_tcp_poses_are_converted(tmp_path: Path) -> None:
-    tip, poses = pivot_scene(np.random.default_rng(0), 12)
-    write_tip_poses(tmp_path, poses, "")
-    done = calibrate("tcp", "--from", tmp_path, "--bench", "fake")
-    assert done.returncode == 2
-    assert "add a column child_frame" in done.stderr
-    write_tip_poses(tmp_path, poses, "tcp")
-    done = calibrate("tcp", "--from", tmp_path)
-    assert done.returncode == 2
-    assert "give --bench" in done.stderr
-    command = ("tcp", "--from", tmp_path, "--bench", "fake", "--out", tmp_path / "out", "--accept-change")
-    expected = np.add(tip, (0.0, 0.0, 0.28))
-    assert figures(*command)["value"]["translation_m"] == pytest.approx(expected.tolist(), abs=1e-3)
-
-
-def test_tip_far_from_the_configured_tcp_is_refused_unless_accepted(tmp_path: Path) -> None:
+def test_tip_poses_need_a_stated_frame_and_a_far_tip_must_be_accepted(tmp_path: Path) -> None:
     tip, poses = pivot_scene(np.random.default_rng(0), 12)  # 0.283 m beyond tcp_m
-    write_tip_poses(tmp_path, poses, "tcp")
-    command = ("tcp", "--from", tmp_path, "--bench", "fake", "--out", tmp_path / "out")
-    done = calibrate(*command, "--yes")
-    assert done.returncode == 2
-    assert "the tip is 283 mm from the bench file's tcp_m" in done.stderr
-    found = figures(*command, "--accept-change")
+    command = ("tcp", "--from", tmp_path, "--out", tmp_path / "out")
+    for frame, options, said in (
+        ("", ("--bench", "fake"), "add a column child_frame"),
+        ("tcp", (), "give --bench"),
+        ("tcp", ("--bench", "fake", "--yes"), "the tip is 283 mm from the bench file's tcp_m"),
+    ):
+        write_tip_poses(tmp_path, poses, frame)
+        done = calibrate(*command, *options)
+        assert done.returncode == 2
+        assert said in done.stderr
+    found = figures(*command, "--bench", "fake", "--accept-change")
+    value, expected = found["value"], np.add(tip, (0.0, 0.0, 0.28))
     assert found["verdict"] == "weak"
-    assert found["value"]["bench_file_tcp_m"] == [0.0, 0.0, 0.28]
-    assert found["value"]["tip_from_tcp_m"] == pytest.approx(tip.tolist(), abs=1e-3)
+    assert value["translation_m"] == pytest.approx(expected.tolist(), abs=1e-3)
+    assert value["bench_file_tcp_m"] == [0.0, 0.0, 0.28]
+    assert value["tip_from_tcp_m"] == pytest.approx(tip.tolist(), abs=1e-3)
     page = Path(found["page"]).read_text()
     for text in (*found["numbers"].values(), "tcp_m of the bench file"):
         assert text in page
 
 
 def test_board_is_drawn_to_scale(tmp_path: Path) -> None:
-    path = tmp_path / "board.svg"
-    assert calibrate("board", "charuco:8x6:25:18:DICT_5X5_100", "--out", path).returncode == 0
-    text = path.read_text()
+    svg, pdf = tmp_path / "board.svg", tmp_path / "board.pdf"
+    for path in (svg, pdf):
+        assert calibrate("board", "charuco:8x6:25:18:DICT_5X5_100", "--out", path).returncode == 0
+    text = svg.read_text()
     assert 'width="224.000mm"' in text
     assert 'width="100.0000"' in text
-    points_per_mm = 72.0 / 25.4
-    paper = tmp_path / "board.pdf"
-    assert calibrate("board", "charuco:8x6:25:18:DICT_5X5_100", "--out", paper).returncode == 0
-    box = re.search(rb"/MediaBox \[ 0 0 ([0-9.]+) ([0-9.]+) \]", paper.read_bytes())
+    ticks = [float(x) for x in re.findall(r'<rect x="([0-9.]+)" y="[0-9.]+" width="0.2000"', text)]
+    assert ticks == pytest.approx([11.9 + 10.0 * i for i in range(11)])
+    box = re.search(rb"/MediaBox \[ 0 0 ([0-9.]+) ([0-9.]+) \]", pdf.read_bytes())
     assert box is not None
-    assert float(box[1]) / points_per_mm == pytest.approx(224.0, abs=0.01)
-    assert float(box[2]) / points_per_mm == pytest.approx(196.0, abs=0.01)
+    points_per_mm = 72.0 / 25.4
+    assert [float(side) / points_per_mm for side in box.groups()] == pytest.approx([224.0, 196.0], abs=0.01)
 
 
 @pytest.mark.parametrize(

@@ -145,27 +145,34 @@ def test_json_option_prints_an_error_as_one_object(arguments: tuple[str, ...], k
 
 
 def test_unknown_names_are_rejected_with_the_known_ones(tmp_path: Path) -> None:
-    out = str(tmp_path / "s")
-    one_line(process("trial", "--object", "wrnch", "--out", out), 2, "wrench", "t1")
-    one_line(rig("record", "--object", "99", "--out", out), 2, "spam")
-    one_line(rig("trial", "--estimator", "magic", "--out", out), 2, "skeleton")
-    one_line(rig("trial", "--bench", "nowhere.toml", "--out", out), 2, "file not found", "rig bench new")
-    one_line(rig("trial", "--bench", "nowhere", "--out", out), 2, "fake")
-    one_line(rig("trial", "--object", "t1", "--object", "wrench", "--out", out), 2, "twice")
-    assert not (tmp_path / "s").exists()
+    out = tmp_path / "s"
+    one_line(process("trial", "--object", "wrnch", "--out", str(out)), 2, "wrench", "t1")
+    for command, words in (
+        (("record", "--object", "99"), ("spam",)),
+        (("trial", "--estimator", "magic"), ("skeleton",)),
+        (("trial", "--bench", "nowhere.toml"), ("file not found", "rig bench new")),
+        (("trial", "--bench", "nowhere"), ("fake",)),
+        (("trial", "--object", "t1", "--object", "wrench"), ("twice",)),
+        (("benchmark", "faults", "--bench", "fake"), ("fakes that the benchmark starts itself",)),
+    ):
+        one_line(rig(*command, "--out", out), 2, *words)
+    assert not out.exists()
 
 
 def test_unusable_sessions_are_rejected(
     session: Path, same_trial: tuple[object, ...], tmp_path: Path
 ) -> None:
-    one_line(rig("replay", tmp_path / "nothing"), 2, "no such session")
-    one_line(rig("replay", tmp_path), 2, "session.json")
-    one_line(rig("trial", "--lifts", "1", "--object", "t2", "--out", session), 2, "--resume")
-    one_line(rig(*same_trial, "--lifts", "2"), 2, "lifts_per_object")
     damaged = tmp_path / "damaged"
     damaged.mkdir()
     (damaged / "session.json").write_text('{"schema_version": 1, "kind"')
-    one_line(rig("replay", str(damaged)), 2, "damaged")
+    for command, said in (
+        (("replay", tmp_path / "nothing"), "no such session"),
+        (("replay", damaged.parent), "session.json"),
+        (("trial", "--lifts", "1", "--object", "t2", "--out", session), "--resume"),
+        ((*same_trial, "--lifts", "2"), "lifts_per_object"),
+        (("replay", damaged), "damaged"),
+    ):
+        one_line(rig(*command), 2, said)
 
 
 @pytest.mark.parametrize("command", [("trial", "--lifts", "1"), ("record", "--object", "7")])
@@ -212,10 +219,9 @@ def test_recording_resumes_and_has_the_layout_of_the_data_set(tmp_path: Path, li
     assert len(list((out / "reference").glob("*.png"))) == 2
     again = rig(*command, "--resume")
     assert json.loads(again.stdout)["images_accepted"] == 12
+    manifest = json.loads((out / "session.json").read_text())
+    (out / "session.json").write_text(json.dumps({**manifest, "status": "running"}))
+    (out / "poses.jsonl").unlink()
+    resumed = rig("record", "--resume", "--out", out, "--no-report", "--json")
+    assert json.loads(resumed.stdout)["images_accepted"] == 12, "with the stored bench"
     one_line(rig("record", "--object", "7", "--images", "10", "--out", str(tmp_path / "t")), 2, "--images")
-
-
-def test_benchmark_of_faults_rejects_a_bench_that_it_does_not_start(tmp_path: Path) -> None:
-    done = rig("benchmark", "faults", "--bench", "fake", "--out", tmp_path / "f")
-    one_line(done, 2, "fakes that the benchmark starts itself")
-    assert not (tmp_path / "f").exists()

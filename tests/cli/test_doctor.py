@@ -10,7 +10,7 @@ import pytest
 
 from rig.config import load_bench
 from rig.doctor.finding import Finding, Severity
-from rig.terminal.tables import TableConsole
+from rig.terminal.tables import PlainConsole
 from support.command_line import rig
 
 RATE = "36.15 of 60 a second, 2 missed; p50/p95/p99/max 16.8/46.5/49.1/49.8 ms apart"
@@ -26,7 +26,7 @@ FINDINGS = (
 
 def doctor(monkeypatch: pytest.MonkeyPatch, *findings: Finding, width: int = 80) -> list[str]:
     monkeypatch.setattr("rig.doctor.examination.examine", lambda *_: iter(findings))
-    monkeypatch.setattr("rig.doctor.finding.table_console", lambda: TableConsole(width=width))
+    monkeypatch.setattr("rig.doctor.finding.table_console", lambda: PlainConsole(width=width))
     done = rig("doctor")
     assert done.returncode == any(each.verdict == "failure" for each in findings)
     return done.stdout.splitlines()

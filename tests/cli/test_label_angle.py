@@ -1,7 +1,9 @@
 """`rig label-angle`: from a clip to labels that the benchmark reads."""
 
 import json
+import os
 import re
+import signal
 import stat
 import threading
 from collections.abc import Callable
@@ -27,6 +29,11 @@ def address_in(way: str) -> str:
     found = re.search('url=([^"]+)', Path(urlsplit(way).path).read_text())
     assert found is not None
     return found[1]
+
+
+def labels_two_frames(address: str) -> None:
+    draw_all(address, [2, 13])
+    ask(address, "write", {})
 
 
 @pytest.fixture
@@ -89,9 +96,6 @@ def test_token_is_in_a_file_of_this_user_alone(clip: Path, monkeypatch: pytest.M
 def test_drawing_continues_after_a_stop(clip: Path, person: Browse) -> None:
     def stops(address: str) -> None:
         draw_all(address, [2])
-        import os
-        import signal
-
         os.kill(os.getpid(), signal.SIGINT)
 
     person(stops)
@@ -111,9 +115,14 @@ def test_drawing_continues_after_a_stop(clip: Path, person: Browse) -> None:
     assert [label.frame for label in read_clips(clip)[0].labels] == [8, 13]
 
 
-def test_other_frames_than_those_begun_with_are_refused(clip: Path, person: Browse) -> None:
-    person(lambda address: (draw_all(address, [2, 13]), ask(address, "write", {}), None)[-1])
-    assert rig("label-angle", clip, *REFERENCE, "--count", 2).returncode == 0
+def test_missing_background_is_the_first_frame_and_other_frames_than_before_are_refused(
+    clip: Path, person: Browse
+) -> None:
+    (clip / "background.png").unlink()
+    person(labels_two_frames)
+    done = rig("label-angle", clip, *REFERENCE, "--count", 2)
+    assert done.returncode == 0, done.stderr
+    assert "rig benchmark clips needs a background.png" in done.stderr
     refused = rig("label-angle", clip, *REFERENCE, "--count", 5)
     assert refused.returncode == 2
     assert "was begun with 2 frames and the reference 2" in refused.stderr
@@ -124,7 +133,7 @@ def test_existing_labels_are_replaced_only_with_overwrite(clip: Path, person: Br
     refused = rig("label-angle", clip, *REFERENCE)
     assert refused.returncode == 2
     assert "--overwrite" in refused.stderr
-    person(lambda address: (draw_all(address, [2, 13]), ask(address, "write", {}), None)[-1])
+    person(labels_two_frames)
     assert rig("label-angle", clip, *REFERENCE, "--count", 2, "--overwrite").returncode == 0
     assert "2,13," in (clip / "labels.csv").read_text()
 
@@ -142,11 +151,3 @@ def test_invalid_clip_is_rejected(clip: Path, tmp_path: Path) -> None:
         assert done.returncode == 2, path
         assert why in done.stderr
         assert len(done.stderr.splitlines()) == 1
-
-
-def test_missing_background_uses_the_first_frame_with_a_note(clip: Path, person: Browse) -> None:
-    (clip / "background.png").unlink()
-    person(lambda address: (draw_all(address, [2, 13]), ask(address, "write", {}), None)[-1])
-    done = rig("label-angle", clip, *REFERENCE, "--count", 2)
-    assert done.returncode == 0, done.stderr
-    assert "rig benchmark clips needs a background.png" in done.stderr

@@ -42,21 +42,17 @@ def session(lab: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def test_objects_are_listed_with_their_source(lab: Path) -> None:
+def test_objects_are_listed_with_their_source_also_new_ones(lab: Path, tmp_path: Path) -> None:
+    new = rig("objects", "new", tmp_path / "cup.toml")
+    assert (new.returncode, new.stdout.strip()) == (0, str(tmp_path / "cup.toml")), new.stderr
+    assert "cup" in rig("objects", "--objects", tmp_path, "--json").stdout
+    assert rig("objects", "new", tmp_path / "cup.toml").returncode == 2
     done = rig("objects", "--bench", lab / "bench.toml", "--json")
     listed = {each["id"]: each for each in json.loads(done.stdout)["objects"]}
     assert listed["lever"]["from"] == str(lab / "objects" / "lever.toml")
     assert listed["t1"]["from"] == "the package"
     assert "my lever" not in rig("objects", "--bench", "fake").stdout
     assert "lever.toml" in rig("objects", "--objects", lab / "objects").stdout.replace("\n", "")
-
-
-def test_new_object_file_is_listed(tmp_path: Path) -> None:
-    done = rig("objects", "new", tmp_path / "cup.toml")
-    assert done.returncode == 0, done.stderr
-    assert done.stdout.strip() == str(tmp_path / "cup.toml")
-    assert "cup" in rig("objects", "--objects", tmp_path, "--json").stdout
-    assert rig("objects", "new", tmp_path / "cup.toml").returncode == 2
 
 
 def test_dry_run_shows_own_object_and_its_assumptions(lab: Path) -> None:

@@ -15,11 +15,11 @@ IN_TRIAL = """if True:
     from types import SimpleNamespace
     from rig.cli.common import stop_on_signals
     from rig.terminal.questions import ask
-    from rig.live.feed import Inbox, LiveFeed, Listener, Sender
+    from rig.live.feed import Inbox, Listener, Sender
     from rig.live.trial_view import TrialView
     stop_on_signals()
     inbox = Inbox(tempfile.mktemp())
-    sender = Sender(LiveFeed((Listener(inbox.address, False),)))
+    sender = Sender([Listener(inbox.address, False)])
     lift = {"number": 1, "attempt": 0, "object": "t1", "name": "wrench", "lift": 1, "sender": 7}
     sender.send("phase", {**lift, "phase": "A", "time_ns": 1})
     with TrialView(5, inbox, lambda row: "a lift") as view:

@@ -102,7 +102,7 @@ def test_two_estimators_are_compared_on_one_session(
     assert "slip and pca compared" in page.read_text()
     inside = {path.name for path in trial.iterdir()}
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("rig.report.sides.replay_or_problem", lambda *_: pytest.fail("replayed again"))
+    monkeypatch.setattr("rig.report.sides.replay_lift", lambda *_: pytest.fail("replayed again"))
     again = rig("compare", "slip", "pca", "--on", str(trial), "--jobs", "1", "--json")
     assert json.loads(again.stdout)["figures"] == answer["figures"]
     assert "note: 1 lift replayed with pca before" in again.stderr
@@ -110,16 +110,18 @@ def test_two_estimators_are_compared_on_one_session(
     assert {path.name for path in trial.iterdir()} == inside
 
 
-def test_impossible_comparisons_are_rejected(trial: Path, tmp_path: Path) -> None:
-    said(rig("compare", "slip", "pca"), 2, "needs --on SESSION")
-    said(rig("compare", str(trial), str(trial)), 2, "given twice")
-    said(rig("compare", str(trial), str(tmp_path / "none")), 2, "no session folder")
-    said(rig("compare", "slip", "magic", "--on", str(trial)), 2, "unknown estimator 'magic'")
-
-
-def test_missing_lift_and_missing_session_are_rejected(trial: Path, tmp_path: Path) -> None:
-    said(rig("play", trial, "--lift", "9", "--out", tmp_path / "lift.webm"), 2, "no finished lift '9'")
-    said(rig("report", tmp_path / "nothing"), 2, "no such session")
+def test_impossible_comparisons_missing_lifts_and_missing_sessions_are_rejected(
+    trial: Path, tmp_path: Path
+) -> None:
+    for command, word in (
+        (("compare", "slip", "pca"), "needs --on SESSION"),
+        (("compare", trial, trial), "given twice"),
+        (("compare", trial, tmp_path / "none"), "no session folder"),
+        (("compare", "slip", "magic", "--on", trial), "unknown estimator 'magic'"),
+        (("play", trial, "--lift", "9", "--out", tmp_path / "lift.webm"), "no finished lift '9'"),
+        (("report", tmp_path / "nothing"), "no such session"),
+    ):
+        said(rig(*command), 2, word)
 
 
 def test_first_lift_is_played_into_a_default_file(

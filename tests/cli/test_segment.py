@@ -7,26 +7,17 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from typer.testing import CliRunner, Result
 
-from drivers.errors import InputError
 from fakes.gel.sensor import GelSensor, Imprint
 from fakes.objects.catalogue import load_catalogue
 from fakes.objects.surfaces import build_surface, depth_for_force
-from rig.cli.main import app
-
-
-def rig(*arguments: object) -> Result:
-    result = CliRunner().invoke(app, [*map(str, arguments)])
-    if result.exception is not None and not isinstance(result.exception, InputError | SystemExit):
-        raise result.exception
-    return result
+from support.command_line import rig
 
 
 def error(*arguments: object) -> str:
-    result = rig(*arguments)
-    assert isinstance(result.exception, InputError), result.output
-    return str(result.exception)
+    done = rig(*arguments)
+    assert done.returncode == 2, done.stdout
+    return done.stderr.splitlines()[-1]
 
 
 def write(path: Path, rgb: np.ndarray) -> Path:

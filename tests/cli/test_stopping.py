@@ -11,6 +11,8 @@ from typing import Any
 
 import pytest
 
+from support.waiting import until
+
 AtTerminal = Callable[[list[str], int], Any]
 CODE = """if True:
     import sys, time
@@ -30,54 +32,51 @@ CODE = """if True:
 
 
 def wait_for(log: Path, text: str) -> None:
-    deadline = time.monotonic() + 120.0
-    while not (log.exists() and text in log.read_text()):
-        assert time.monotonic() < deadline, log.read_text() if log.exists() else "nothing logged"
-        time.sleep(0.02)
+    until(lambda: log.exists() and text in log.read_text(), 120.0)
 
 
-def started(log: Path, teardown_s: float) -> subprocess.Popen[str]:
-    code = CODE.format(log=str(log), teardown_s=teardown_s)
-    process = subprocess.Popen([sys.executable, "-c", code], stderr=subprocess.PIPE, text=True)
+def started(log: Path, teardown_s: float = 0.3, code: str = CODE, **settings: Any) -> subprocess.Popen[str]:
+    command = [sys.executable, "-c", code.format(log=str(log), teardown_s=teardown_s)]
+    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, **settings)
     wait_for(log, "working")
     return process
 
 
+def ended(process: subprocess.Popen[str], log: Path) -> tuple[str, str]:
+    """Return what the process logged, a word per line, and what it printed."""
+    _, error = process.communicate(timeout=120)
+    return ", ".join(log.read_text().split("\n")).strip(", "), error
+
+
+SAFE = "working, teardown, made safe"
+
+
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT])
 def test_one_signal_ends_safely(tmp_path: Path, number: signal.Signals) -> None:
-    process = started(tmp_path / "log", teardown_s=0.3)
+    process = started(tmp_path / "log")
     process.send_signal(number)
-    process.communicate(timeout=120)
-    assert (tmp_path / "log").read_text() == "working\nteardown\nmade safe\n"
+    assert ended(process, tmp_path / "log")[0] == SAFE
 
 
 def test_second_signal_stops_at_once_and_further_ones_are_ignored(tmp_path: Path) -> None:
     log = tmp_path / "log"
     process = started(log, teardown_s=30)
-    process.send_signal(signal.SIGINT)
-    wait_for(log, "teardown")
-    process.send_signal(signal.SIGINT)
-    wait_for(log, "stopping")
-    for _ in range(15):
+    for before in ("working", "teardown", *["stopping"] * 15):
+        wait_for(log, before)
         process.send_signal(signal.SIGINT)
         time.sleep(0.02)
-    _, error = process.communicate(timeout=120)
-    assert log.read_text() == "working\nteardown\nstopping\nstands\n"
+    said, error = ended(process, log)
+    assert said == "working, teardown, stopping, stands"
     assert "stops all motion at once" in error
 
 
 def test_closed_stderr_does_not_prevent_the_safe_end(tmp_path: Path) -> None:
-    code = CODE.replace('say("still printing")', "")
-    log = tmp_path / "log"
-    process = subprocess.Popen(
-        [sys.executable, "-c", code.format(log=str(log), teardown_s=0.3)], stderr=subprocess.PIPE
-    )
+    process = started(tmp_path / "log", code=CODE.replace('say("still printing")', ""))
     assert process.stderr is not None
     process.stderr.close()
-    wait_for(log, "working")
     process.send_signal(signal.SIGTERM)
     process.wait(30)
-    assert log.read_text() == "working\nteardown\nmade safe\n"
+    assert (tmp_path / "log").read_text() == "working\nteardown\nmade safe\n"
 
 
 def test_lost_terminal_ends_safely_and_later_output_is_no_error(
@@ -92,15 +91,11 @@ def test_lost_terminal_ends_safely_and_later_output_is_no_error(
 
 
 def test_program_that_ignores_hangups_continues(tmp_path: Path) -> None:
-    log = tmp_path / "log"
-    code = CODE.format(log=str(log), teardown_s=0.3).replace("sleep(30)", "sleep(0.5); log.write('done')")
-    process = subprocess.Popen(
-        [sys.executable, "-c", code], preexec_fn=lambda: signal.signal(signal.SIGHUP, signal.SIG_IGN) and None
-    )
-    wait_for(log, "working")
+    code = CODE.replace("sleep(30)", "sleep(0.5); log.write('done')")
+    ignoring = {"preexec_fn": lambda: signal.signal(signal.SIGHUP, signal.SIG_IGN) and None}
+    process = started(tmp_path / "log", code=code, **ignoring)
     os.kill(process.pid, signal.SIGHUP)
-    process.wait(30)
-    assert log.read_text() == "working\ndone"
+    assert ended(process, tmp_path / "log")[0] == "working, done"
 
 
 def test_real_bench_file_with_a_fakes_section_is_rejected_first(tmp_path: Path) -> None:

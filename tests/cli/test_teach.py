@@ -80,26 +80,18 @@ def test_position_that_a_trial_would_reject_is_not_written(lab: Path) -> None:
     assert (lab / "objects" / "lever.toml").read_text() == before
 
 
-def test_file_is_unchanged_without_agreement(lab: Path) -> None:
-    done = rig("teach", "lever", "--bench", lab / "bench.toml")
-    assert done.returncode == 3
-    assert "was not changed" in done.stderr
+def test_dry_run_refusals_and_missing_agreement_leave_the_file_unchanged(lab: Path) -> None:
+    what = ("--bench", lab / "bench.toml")
+    for options, code, words in (
+        (("lever",), 3, ("was not changed",)),
+        (("wrench",), 2, ("an object of the package", "rig objects new")),
+        (("nothing",), 2, ("your objects: lever", "rig objects new")),
+        (("lever", "--dry-run"), 0, ("At each of end: the fingers open wide; you lead the arm", "home")),
+    ):
+        done = rig("teach", *options, *what)
+        assert done.returncode == code
+        assert all(word in done.stdout + done.stderr for word in words), options
     assert (lab / "objects" / "lever.toml").read_text() == LEVER
-
-
-def test_package_objects_and_unknown_names_are_rejected(lab: Path) -> None:
-    for name, said in (("wrench", "an object of the package"), ("nothing", "your objects: lever")):
-        done = rig("teach", name, "--bench", lab / "bench.toml")
-        assert done.returncode == 2
-        assert said in done.stderr
-        assert "rig objects new" in done.stderr
-
-
-def test_dry_run_lists_the_motions(lab: Path) -> None:
-    done = rig("teach", "lever", "--bench", lab / "bench.toml", "--dry-run")
-    assert done.returncode == 0
-    for part in ("At each of end: the fingers open wide; you lead the arm by hand, for 120 s", "home"):
-        assert part in done.stdout
 
 
 ASKED = """

@@ -1,139 +1,99 @@
 """`--watch`: a page in a browser shows a run and does not change its results."""
 
-import json
-import socket
 import subprocess
 import sys
-import threading
-import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
-from urllib.parse import urlsplit
-from urllib.request import urlopen
 
 import pytest
 
-from rig.live.watch import WatchPage
-from rig.terminal.onlookers import Event, observed_by
+from rig.live.feed import Inbox, Listener
+from rig.live.state import Progress, WatchState
+from rig.terminal.onlookers import Event
 from support.command_line import rig
 from support.marks import long
-from support.waiting import until
 
 AtTerminal = Callable[[list[str], int], Any]
-
-
 TIPS = {"SIM-D0001", "SIM-D0002"}
 
 
-class Browser:
-    """Requests a page repeatedly from the time when its address is printed."""
+class Page:
+    """Takes the place of the page: keeps the events, and the state that browsers would get."""
 
-    def __init__(self) -> None:
-        self.states: list[dict[str, Any]] = []
+    def __init__(self, folder: Path) -> None:
+        self.inbox = Inbox(str(folder / "page"))
+        self.listener, self.address = Listener(self.inbox.address, pictures=True), "http://page/"
         self.events: list[Event] = []
-        self.pictures: set[str] = set()
-        self.stuck: list[socket.socket] = []
-        self._thread: threading.Thread | None = None
+        self.begun: list[Progress] = []
+        self.values: dict[str, Any] = {}
 
-    def hear(self, text: str) -> None:
-        print(text, file=sys.stderr)
-        if text.startswith("watch page: "):
-            address = text.removeprefix("watch page: ")
-            at = urlsplit(address)
-            self.stuck = [socket.create_connection((at.hostname, at.port)) for _ in range(2)]
-            self.stuck[0].sendall(b"GET / HTTP/1.0\r\n\r\n")
-            self._thread = threading.Thread(target=self._look, args=(address,))
-            self._thread.start()
-            until(lambda: bool(self.states), 60.0)  # the run begins when its page is served
+    def __call__(self, at: tuple[str, int], *shown: Any) -> "Page":
+        self.begun.append(Progress(*shown))
+        self.state = WatchState(self.begun[0], self.inbox.take)
+        return self
+
+    def show_event(self, event: Event) -> None:
+        self.events.append(event)
+        self.state.progress = self.state.progress.after(event)
+        self.values = self.state.values()
+
+    def show_report(self, file: Path) -> None:
+        pytest.fail(f"no report was asked for: {file}")
 
     def close(self) -> None:
-        assert self._thread is not None
-        self._thread.join(60)
-        for each in self.stuck:
-            each.close()
-
-    def _look(self, address: str) -> None:
-        try:
-            while True:
-                with urlopen(address + "state.json", timeout=120) as answer:
-                    self.states.append(json.load(answer))
-                for serial in self.states[-1]["pictures"]:
-                    with urlopen(f"{address}picture/{serial}.jpg", timeout=120) as answer:
-                        assert answer.read(2) == b"\xff\xd8"
-                        self.pictures.add(serial)
-                time.sleep(0.05)  # as a page does, so that the command gets the computer
-        except OSError:  # it has ended
-            pass
+        self.values = self.state.values()
 
 
 @pytest.fixture
-def browser(monkeypatch: pytest.MonkeyPatch) -> Browser:
-    """A browser of the page of the next command; the page stays until both fingertips have been shown."""
-    made, close = Browser(), WatchPage.close
-
-    def close_when_seen(page: WatchPage) -> None:
-        ends = time.monotonic() + 120.0
-        while not made.pictures >= TIPS and time.monotonic() < ends:
-            time.sleep(0.02)
-        close(page)
-
-    @contextmanager
-    def observed_too(observer: Callable[[Event], None]) -> Iterator[None]:
-        with observed_by(made.events.append), observed_by(observer):
-            yield
-
-    monkeypatch.setattr("rig.cli.resuming.say", made.hear)
-    monkeypatch.setattr("rig.cli.resuming.observed_by", observed_too)
-    monkeypatch.setattr(WatchPage, "close", close_when_seen)
-    return made
+def page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Page]:
+    """The page of the next command."""
+    made = Page(tmp_path)
+    monkeypatch.setattr("rig.live.watch.WatchPage", made)
+    yield made
+    made.inbox.close()
 
 
 def test_watching_does_not_change_the_results(
-    browser: Browser, one_lift: Path, light_bench_file: Path, tmp_path: Path
+    page: Page, one_lift: Path, light_bench_file: Path, tmp_path: Path
 ) -> None:
     done = rig(
         "trial", "--lifts", 1, "--object", "toothbrush", "--bench", light_bench_file, "--jobs", 1,
         "--no-report", "--out", tmp_path / "s", "--json", "--watch",
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
-    browser.close()
+    assert "watch page: http://page/" in done.stderr
     assert (tmp_path / "s" / "lifts.jsonl").read_bytes() == (one_lift / "lifts.jsonl").read_bytes()
-    assert [event for event in browser.events if event.kind != "progress"] == [Event("end", "done")]
-    lifts = [lift for state in browser.states for lift in state["lifts"]]
-    assert any(isinstance(lift["estimate_deg"], float) for lift in lifts)
-    assert browser.pictures > TIPS
-    assert browser.states[0]["title"].startswith("SIMULATED trial on bench")
-    assert (browser.states[0]["done"], browser.states[0]["total"]) == (0, 1)
+    assert [event for event in page.events if event.kind != "progress"] == [Event("end", "done")]
+    assert any(isinstance(lift["estimate_deg"], float) for lift in page.values["lifts"])
+    assert page.values["pictures"].keys() > TIPS
+    (begun,) = page.begun
+    assert begun.title.startswith("SIMULATED trial on bench")
+    assert (begun.what, begun.done, begun.total, page.values["done"]) == ("lifts", 0, 1, 1)
 
 
-def test_recording_can_be_watched(browser: Browser, light_bench_file: Path, tmp_path: Path) -> None:
+def test_recording_can_be_watched(page: Page, light_bench_file: Path, tmp_path: Path) -> None:
     done = rig(
         "record", "--object", 7, "--poses", 1, "--images", 4, "--bench", light_bench_file, "--no-report",
         "--out", tmp_path / "s", "--watch-at", "127.0.0.1:0",
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
-    browser.close()
-    assert browser.pictures >= TIPS
-    assert browser.states[0]["what"] == "poses"
+    assert page.values["pictures"].keys() >= TIPS
+    assert page.begun[0].what == "poses"
 
 
 @pytest.mark.long
-def test_calibration_can_be_watched(browser: Browser, light_bench_file: Path, tmp_path: Path) -> None:
+def test_calibration_can_be_watched(page: Page, light_bench_file: Path, tmp_path: Path) -> None:
     blocks = ("--block-mm", 20, "--block-mm", 45, "--block-mm", 70)
     done = rig(
         "calibrate", "gripper", *blocks, "--bench", light_bench_file, "--out", tmp_path, "--json",
         "--watch",
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
-    browser.close()
-    assert [event for event in browser.events if event.kind != "progress"] == [Event("end", "done")]
-    assert browser.pictures == {"SIM-D0001", "SIM-D0002", "SIM-C0001"}
-    titles = {(state["title"], state["what"], state["total"]) for state in browser.states}
-    assert titles == {("SIMULATED calibrate gripper on bench 'fake'", "contacts", 6)}
-    assert browser.states[-1]["done"] > 0
-    assert any("counts closing" in state["newest"] for state in browser.states)
+    assert [event for event in page.events if event.kind != "progress"] == [Event("end", "done")]
+    assert page.values["pictures"].keys() == {*TIPS, "SIM-C0001"}
+    assert page.begun == [Progress("SIMULATED calibrate gripper on bench 'fake'", "contacts", 0, 6)]
+    assert "counts closing" in " ".join(page.values["finished"])
 
 
 @pytest.mark.parametrize(

@@ -12,6 +12,7 @@ import yaml
 from calibration.hand_eye.solve import Setup
 from calibration.targets.boards import parse_target
 from calibration.verdict import Verdict
+from drivers.bench import Bench
 from drivers.clock import to_ns
 from drivers.errors import DeviceError, InputError, OperatorStopError, StaleFrameError
 from drivers.images import read_image
@@ -203,7 +204,8 @@ TURN = (1.0, 0.0, 0.0, 0.0)
 PLACES = {"a": (0.45, 0.0, 0.25), "b": (0.45, 0.05, 0.22), "far": (3.0, 0.0, 0.2), "c": (0.40, 0.0, 0.25)}
 
 
-def visit(stop_after: int | None = None) -> tuple[list[HandEyeCapture], list[tuple[str, str]], bool]:
+def visit(stop_after: int | None = None) -> tuple[list[HandEyeCapture], list[tuple[str, str]]]:
+    """Visit the places, and stop during the move after a number of samples; the arm then stands still."""
     bench, _ = build_bench(load_bench("fake"))
     taken: list[HandEyeCapture] = []
     skipped: list[tuple[str, str]] = []
@@ -223,18 +225,21 @@ def visit(stop_after: int | None = None) -> tuple[list[HandEyeCapture], list[tup
         except OperatorStopError:
             before = bench.arm.state().base_T_tcp.position_m
             bench.clock.sleep_until(bench.clock.now_ns() + 500_000_000)
-            after = bench.arm.state().base_T_tcp.position_m
-            return taken, skipped, after == pytest.approx(before, abs=2 * NOISE_M)
-    return taken, skipped, True
+            assert bench.arm.state().base_T_tcp.position_m == pytest.approx(before, abs=2 * NOISE_M)
+    return taken, skipped
 
 
 def test_every_reachable_pose_is_a_sample_under_its_own_id() -> None:
-    taken, skipped, _ = visit()
+    taken, skipped = visit()
     assert [capture.id for capture in taken] == ["a", "b", "c"]
     for capture in taken:
         assert capture.base_T_tcp.position_m == pytest.approx(PLACES[capture.id], abs=NOISE_M)
     assert [name for name, _ in skipped] == ["far"]
     assert "workspace" in skipped[0][1]
+
+
+def test_stop_leaves_the_arm_at_rest() -> None:
+    assert len(visit(stop_after=2)[0]) == 2
 
 
 def test_noise_of_an_arm_at_rest_is_no_motion() -> None:
@@ -248,45 +253,31 @@ def test_noise_of_an_arm_at_rest_is_no_motion() -> None:
         assert bench.clock.now_ns() - began_ns == 300 * to_ns(SETTLE_S), "still at the first comparison"
 
 
-def test_stop_leaves_the_arm_at_rest() -> None:
-    taken, _, standing = visit(stop_after=2)
-    assert (len(taken), standing) == (2, True)
+def test_lost_arm_and_frozen_devices_end_a_calibration_with_their_reason(tmp_path: Path) -> None:
+    def faulty(device: str, kind: str, at_s: float) -> BenchConfig:
+        fault = {"device": device, "kind": kind, "at_s": at_s}
+        config = load_bench("fake")
+        return config.model_validate({**config.model_dump(), "faults": [fault]})
 
-
-def test_lost_arm_ends_the_visit() -> None:
-    config = load_bench("fake")
-    fault = {"device": "arm", "kind": "disconnect", "at_s": 0.0}
-    broken = config.model_validate({**config.model_dump(), "faults": [fault]})
-    bench, _ = build_bench(broken)
-    with bench.connected(), pytest.raises(DeviceError):
-        capture_hand_eye(bench, lambda: ("a", Pose(PLACES["a"], TURN)), lambda _: None, lambda *_: None)
-
-
-def frozen(serial: str) -> BenchConfig:
-    fault = {"device": serial, "kind": "freeze", "at_s": 0.3}
-    config = load_bench("fake")
-    return config.model_validate({**config.model_dump(), "faults": [fault]})
-
-
-def test_frozen_fingertip_gives_no_reference(tmp_path: Path) -> None:
-    with pytest.raises(StaleFrameError, match="SIM-D0002: it has repeated its picture"):
-        collect_references(station(tmp_path, bench=frozen("SIM-D0002")))
-    assert not list(tmp_path.glob("tactile-reference-SIM-D0002*"))
-
-
-@pytest.mark.parametrize("count", [1, 5, 30])
-def test_frozen_camera_gives_no_still_pictures(count: int) -> None:
-    bench, _ = build_bench(frozen("SIM-C0001"))
-    with bench.connected(), pytest.raises(StaleFrameError, match="SIM-C0001: it has repeated its picture"):
-        capture_still(bench, bench.camera, count)
-
-
-def test_frozen_camera_ends_the_visit() -> None:
-    bench, _ = build_bench(frozen("SIM-C0001"))
     taken: list[HandEyeCapture] = []
-    with bench.connected(), pytest.raises(StaleFrameError, match="SIM-C0001: it has repeated its picture"):
+
+    def one_pose(bench: Bench) -> None:
         capture_hand_eye(bench, lambda: ("a", Pose(PLACES["a"], TURN)), taken.append, lambda *_: None)
+
+    repeated = "SIM-C0001: it has repeated its picture"
+    for device, kind, at_s, use, error, said in (
+        ("arm", "disconnect", 0.0, one_pose, DeviceError, "arm"),
+        ("SIM-C0001", "freeze", 0.3, one_pose, StaleFrameError, repeated),
+        ("SIM-C0001", "freeze", 0.3, lambda b: capture_still(b, b.camera, 1), StaleFrameError, repeated),
+        ("SIM-C0001", "freeze", 0.3, lambda b: capture_still(b, b.camera, 30), StaleFrameError, repeated),
+    ):
+        bench, _ = build_bench(faulty(device, kind, at_s))
+        with bench.connected(), pytest.raises(error, match=said):
+            use(bench)
     assert not taken
+    with pytest.raises(StaleFrameError, match="SIM-D0002: it has repeated its picture"):
+        collect_references(station(tmp_path, bench=faulty("SIM-D0002", "freeze", 0.3)))
+    assert not list(tmp_path.glob("tactile-reference-SIM-D0002*"))
 
 
 def test_lagging_stream_gives_no_image_of_the_motion() -> None:

@@ -86,7 +86,9 @@ def test_csv_and_parquet_contain_the_same_tables(one_lift: Path, tmp_path: Path)
     frames = parquet.read_table(tmp_path / "parquet/frames.parquet").to_pylist()
     assert len(frames) == sum(row.frames.values())
     arm = parquet.read_table(tmp_path / "parquet/arm.parquet").to_pylist()
-    recorded = [state.base_T_tcp.quaternion_xyzw for state in recorded_arm_states(one_lift / "lifts/001.mcap")]
+    recorded = [
+        state.base_T_tcp.quaternion_xyzw for state in recorded_arm_states(one_lift / "lifts/001.mcap")
+    ]
     assert changes_sign(recorded), "the tool points down, and its pose has noise"
     assert not changes_sign([[row[name] for name in ("qx", "qy", "qz", "qw")] for row in arm])
 
@@ -195,7 +197,9 @@ def test_lerobot_data_set_has_its_parts_and_the_stored_images(quick_tips: Path, 
     action, names = data["action"][0].as_py(), info["features"]["observation.state"]["names"]
     assert info["features"]["action"]["names"] == names[:8]
     for column in ("observation.state", "action"):
-        poses = np.array(data[column].to_pylist())[:, [names.index(name) for name in ("qx", "qy", "qz", "qw")]]
+        poses = np.array(data[column].to_pylist())[
+            :, [names.index(name) for name in ("qx", "qy", "qz", "qw")]
+        ]
         assert not changes_sign(poses)
         assert poses.std(axis=0).max() < 0.1
     first = data["observation.state"][0].as_py()

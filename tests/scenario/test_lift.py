@@ -167,7 +167,7 @@ def test_frames_of_noise_give_no_answer(one_lift: Path, monkeypatch: pytest.Monk
 
     monkeypatch.setattr(LiftMeasurement, "frame", noisy)
     show_again(one_lift / "lifts" / "001.mcap", measurement)
-    row, _ = lift_result(measurement, read_finished_lifts(one_lift)[0])
+    row = lift_result(measurement, read_finished_lifts(one_lift)[0])
     assert row.answered == 0.0
     assert row.re is None
     assert row.final_estimate_deg is None

@@ -10,7 +10,7 @@ import pytest
 from rig.config import BenchConfig
 from rig.experiments.lift_plan import TrialSettings
 from rig.experiments.trial import run_trial
-from rig.live.feed import Listener, LiveFeed
+from rig.live.feed import Listener
 from rig.live.session import _viewer
 from rig.sessions.reading import recorded_angles
 from rig.sessions.rows import read_finished_lifts
@@ -45,7 +45,7 @@ def file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return file
 
 
-def lift_once(folder: Path, bench: BenchConfig, live: LiveFeed) -> None:
+def lift_once(folder: Path, bench: BenchConfig, live: list[Listener]) -> None:
     run_trial(folder, TrialSettings(bench, 0, choose_estimator("slip")), ["t2"], lifts=1, live=live)
 
 
@@ -61,7 +61,7 @@ def test_viewer_gets_images_markers_arm_and_whole_curves(
 
     address = str(tmp_path / "viewer")
     with _viewer(address):
-        lift_once(tmp_path / "s", light_bench, LiveFeed((Listener(address, pictures=True),)))
+        lift_once(tmp_path / "s", light_bench, [Listener(address, pictures=True)])
     assert same(tmp_path / "s", one_lift)
     reader = RrdReader(file)
     assert [entry.application_id for entry in reader.recordings()] == ["slip_rig"]
@@ -91,7 +91,7 @@ def test_a_killed_viewer_changes_nothing(
 
         killer = threading.Thread(target=kill_in_mid_lift, daemon=True)
         killer.start()
-        lift_once(tmp_path / "s", light_bench, LiveFeed((Listener(address, pictures=True),)))
+        lift_once(tmp_path / "s", light_bench, [Listener(address, pictures=True)])
         killer.join(timeout=120)
         assert process.wait(10.0) != 0
     assert "ended before the command did" in caplog.text

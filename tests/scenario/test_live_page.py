@@ -18,7 +18,7 @@ from statistics import median
 
 import pytest
 
-from rig.live.feed import LiveFeed, Sender
+from rig.live.feed import Sender
 from rig.live.watch import WatchPage, watch_address
 from support.browser import FLAWS, NEEDS_CHROMIUM, SEEN, Browser
 from support.desk_streams import desk_streams
@@ -164,7 +164,7 @@ class Shown:
 
     def __init__(self, browser: Browser) -> None:
         self.page = WatchPage(watch_address(None), "SIMULATED rig live fake", estimators=["slip"])
-        self._sender = Sender(LiveFeed((self.page.listener,)))
+        self._sender = Sender([self.page.listener])
         self.browser, self.time_s = browser, 100.0
 
     def send(self, count: int, state: str, angle_deg: float | None, **more: object) -> None:
@@ -247,7 +247,9 @@ def test_dropped_frames_are_marked_and_counted(shown: Shown) -> None:
 
 
 @NEEDS_CHROMIUM
-def test_status_follows_the_state_and_a_notice_lasts_until_another_state(shown: Shown) -> None:
+def test_status_follows_the_state_notices_last_until_another_state_and_a_doubt_as_it_does(
+    shown: Shown,
+) -> None:
     def sent(state: str, angle_deg: float | None, zero_s: float | None = 100.5) -> str:
         shown.send(1, state, angle_deg, zero_s=zero_s)
         return shown.status()
@@ -265,10 +267,6 @@ def test_status_follows_the_state_and_a_notice_lasts_until_another_state(shown: 
         until(lambda of=(state, angle_deg), text=text: sent(*of) == text, LIMIT_S)
     shown.notice("recording to clips/x")
     until(lambda: sent("tracking", 0.1) == "recording to clips/x", LIMIT_S)
-
-
-@NEEDS_CHROMIUM
-def test_doubtful_background_is_named_until_it_is_taken_again(shown: Shown) -> None:
     shown.send(3, "tracking", 0.1, doubt=DOUBT)
     until(lambda: f"D1: {DOUBT}" in shown.browser.value("document.body.innerText"), LIMIT_S)
     shown.send(3, "no_contact", None)

@@ -22,6 +22,7 @@ from rig.experiments.record import RecordSettings, run_record
 from rig.sessions.manifest import read_manifest
 from rig.sessions.rows import read_poses
 from support.command_line import rig
+from support.own_devices import MODULE, SOURCE
 from support.own_estimators import forget
 
 DESK = 'name = "desk"\n[[tactile]]\ndriver = "fake"\nserial = "SIM-D0001"\n'
@@ -37,47 +38,6 @@ marker_dictionary = "DICT_4X4_50"
 marker_ids = [0, 1]
 marker_side_m = 0.04
 """
-GEL = '''
-import time
-from pathlib import Path
-
-import cv2
-import numpy as np
-
-from drivers.errors import DeviceTimeoutError
-from drivers.types import Frame
-
-PRESSED = Path(__file__).with_name("pressed")
-
-
-class Gel:
-    """A gel that shows a contact while the file `pressed` exists."""
-
-    def __init__(self, serial, rate_hz, clock):
-        self.serial, self.rate_hz, self.clock, self.count = serial, rate_hz, clock, 0
-
-    def connect(self):
-        pass
-
-    def disconnect(self):
-        pass
-
-    def newest_frame(self, max_age_s):
-        return self.next_frame(1.0)
-
-    def next_frame(self, timeout_s):
-        if timeout_s < 0.01:
-            raise DeviceTimeoutError("not yet")
-        time.sleep(0.01)
-        self.count += 1
-        image = np.random.default_rng(self.count).normal(100, 1.5, (320, 240, 3))
-        if PRESSED.exists():
-            cv2.ellipse(image, (120, 160), (30, 70), 20, 0, 360, (180, 60, 120), -1)
-        return Frame(image.clip(0, 255).astype(np.uint8), self.clock.now_ns(), self.count, self.serial)
-
-    def set_light(self, red, green, blue):
-        pass
-'''
 
 
 @pytest.fixture
@@ -89,19 +49,19 @@ def desk(tmp_path: Path) -> Path:
 @pytest.fixture
 def real_gel(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     """A bench file with one real sensor, and the module of the sensor; `pressed` exists during a press."""
-    (tmp_path / "desk_gel.py").write_text(GEL)
+    (tmp_path / f"{MODULE}.py").write_text(SOURCE)
     monkeypatch.syspath_prepend(tmp_path)
     file = tmp_path / "real.toml"
-    file.write_text(DESK.replace('"fake"', '"desk_gel:Gel"'))
+    file.write_text(DESK.replace('"fake"', f'"{MODULE}:Pressed"'))
     yield file
-    sys.modules.pop("desk_gel", None)
+    sys.modules.pop(MODULE, None)
     forget()
 
 
 def mixed_bench(folder: Path) -> Path:
     """Write the file of a simulated bench with two real sensors."""
     head, *tips = (BENCHES / "fake.toml").read_text().split("[[tactile]]")
-    tips = [tip.replace('driver = "fake"', 'driver = "desk_gel:Gel"', 1) for tip in tips]
+    tips = [tip.replace('driver = "fake"', f'driver = "{MODULE}:Pressed"', 1) for tip in tips]
     (folder / "mixed.toml").write_text("[[tactile]]".join([head, *tips]))
     return folder / "mixed.toml"
 
@@ -137,6 +97,9 @@ def test_whole_simulated_bench_is_recorded_by_hand_with_its_fingertips_alone(tmp
     assert serials == ["SIM-D0001"] * 2 + ["SIM-D0002"] * 2
     manifest = read_manifest(tmp_path / "s")
     assert not any(manifest.config.has(section) for section in ("arm", "gripper", "camera"))
+    wire = rig("record", "--object", "7", "--by", "hand", "--bench", "wire", "--out", tmp_path / "t")
+    assert wire.returncode == 2
+    assert "simulated over the wire protocols" in wire.stderr
 
 
 def by_hand(file: Path, folder: Path, answers: list[str]) -> list[str]:
@@ -167,18 +130,9 @@ def test_person_is_asked_for_each_pose_of_a_real_sensor_even_with_yes(real_gel: 
     image = cv2.imread(str(tmp_path / "s" / rows[0].images[0].file))
     assert np.abs(image[160, 120].astype(int) - (120, 60, 180)).max() < 20
     assert not read_manifest(tmp_path / "s").simulated
-
-
-def test_recording_by_hand_stops_if_the_person_does_not_press(real_gel: Path, tmp_path: Path) -> None:
     with pytest.raises(OperatorStopError):
-        by_hand(real_gel, tmp_path / "s", ["yes", "yes", "no"])
-    assert [row.accepted for row in read_poses(tmp_path / "s")] == [True]
-
-
-def test_recording_by_hand_is_rejected_over_the_wire_protocols(tmp_path: Path) -> None:
-    shown = rig("record", "--object", "7", "--by", "hand", "--bench", "wire", "--out", tmp_path / "s")
-    assert shown.returncode == 2
-    assert "simulated over the wire protocols" in shown.stderr
+        by_hand(real_gel, tmp_path / "stopped", ["yes", "yes", "no"])
+    assert [row.accepted for row in read_poses(tmp_path / "stopped")] == [True]
 
 
 def test_simulated_calibration_is_refused_for_a_real_sensor_of_that_serial(
@@ -260,6 +214,7 @@ def test_fingertip_is_put_on_the_clock_of_the_camera_by_hand(
 def test_command_without_its_devices_names_them_and_the_possible_commands(
     desk: Path, command: list[object], needs: str
 ) -> None:
+    """What each command needs is tested in `tests/unit/rig/config/test_parts.py`."""
     shown = rig(*command, "--bench", desk)
     assert shown.returncode == 2
     assert needs in shown.stderr

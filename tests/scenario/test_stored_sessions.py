@@ -24,9 +24,8 @@ from rig.sessions.codec import json_line, json_value
 from rig.sessions.files import LOG, RESULTS, TIMING
 from rig.sessions.manifest import TrialManifest, read_manifest, read_manifest_of
 from rig.sessions.reading import phase_times, recorded_angles
-from rig.sessions.records import LIFTS, POSES
+from rig.sessions.records import LIFT_TIMINGS, LIFTS, POSES
 from rig.sessions.rows import read_lifts, read_rows
-from rig.sessions.timing import LIFT_TIMINGS
 from rig.tactile.angles import Angles
 from support.marks import long
 

@@ -10,7 +10,7 @@ import pytest
 
 from drivers.children import python_command
 from rig.benchmark.harness import Run
-from rig.benchmark.wire.campaign import Moment, PlannedRun, Stage, start_trial
+from rig.benchmark.wire.campaign import PlannedRun, Stage, start_trial
 from rig.benchmark.wire.endurance import WANDER_DEG, Minute, measure_endurance
 from rig.benchmark.wire.safety import BY_NAME, judge_runs, run_safety
 from rig.config import BenchConfig
@@ -39,8 +39,8 @@ def test_killed_lift_and_blocked_fingers_keep_every_limit(
     monkeypatch.setattr("rig.benchmark.wire.campaign.start_trial", start_slow_trial)
     monkeypatch.setattr("rig.benchmark.wire.safety.END_S", LIMIT_S)
     plan = [
-        PlannedRun(1, BY_NAME["kill -9"], Moment(Stage.LIFT, 0.5)),
-        PlannedRun(2, BY_NAME["fingers blocked"], Moment(Stage.HOLD, 0.2)),
+        PlannedRun(1, BY_NAME["kill -9"], Stage.LIFT, 0.5),
+        PlannedRun(2, BY_NAME["fingers blocked"], Stage.HOLD, 0.2),
     ]
     runs = run_safety(Run(folder=tmp_path / "s"), plan, unhurried_bench)
     assert [(run.event, run.stage) for run in runs] == [("kill -9", "lift"), ("fingers blocked", "hold")]

@@ -1,6 +1,6 @@
 """Motions with ground truth: given views of a target, pairs of poses, a tool tip turned about one point."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -79,3 +79,19 @@ def pose_pairs(
         said = view.base_T_tcp @ Pose.from_rotation(twist[1], Rotation.from_rotvec(twist[0]))
         samples.append(PoseSample(view.id, said, seen))
     return truth, samples
+
+
+ORDERS: dict[str, Callable[[int], list[int]]] = {
+    "each row five times": lambda count: [i for i in range(count) for _ in range(5)],
+    "table five times": lambda count: list(range(count)) * 5,
+    "rows at random": lambda count: np.random.default_rng(1).integers(0, count, 5 * count).tolist(),
+    "first row forty times": lambda count: [0] * 40 + list(range(1, count)),
+    "there and back": lambda count: list(range(count)) + list(range(count))[::-1],
+}
+"""Orders in which rows of a table repeat one another, by the number of rows."""
+
+
+def jittered(pose: Pose, rng: np.random.Generator, jitter: float) -> Pose:
+    """Add a robot's noise, 0.1 mm and 0.02 degrees, times `jitter`."""
+    turn = Rotation.from_rotvec(rng.normal(0, 3e-4, 3) * jitter)
+    return Pose.from_rotation(rng.normal(pose.position_m, 1e-4 * jitter), pose.rotation * turn)

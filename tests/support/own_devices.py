@@ -7,6 +7,7 @@ import time
 from pathlib import Path
 from types import SimpleNamespace
 
+import cv2
 import numpy as np
 
 from drivers.errors import DeviceTimeoutError
@@ -148,6 +149,29 @@ class Gel:
         return frames[self.behaviour]
 
     newest_frame = next_frame
+
+
+class Pressed(Gel):
+    """Shows a contact while the file `pressed` exists beside this module."""
+
+    def __init__(self, serial, rate_hz, clock):
+        self.serial, self.clock, self.count = serial, clock, 0
+
+    def newest_frame(self, max_age_s):
+        return self.next_frame(1.0)
+
+    def next_frame(self, timeout_s):
+        if timeout_s < 0.01:
+            raise DeviceTimeoutError("not yet")
+        time.sleep(0.01)
+        self.count += 1
+        image = np.random.default_rng(self.count).normal(100, 1.5, (320, 240, 3))
+        if Path(__file__).with_name("pressed").exists():
+            cv2.ellipse(image, (120, 160), (30, 70), 20, 0, 360, (180, 60, 120), -1)
+        return Frame(image.clip(0, 255).astype(np.uint8), self.clock.now_ns(), self.count, self.serial)
+
+    def set_light(self, red, green, blue):
+        pass
 
 
 class Half(Camera):

@@ -20,6 +20,8 @@ from rig.sessions.rows import read_finished_lifts
 
 Edit = Callable[[str], list[tuple[str, int]]]
 """Returns the phases to write for one, by name, each with how much later, ns."""
+Change = Callable[[int, bytes], bytes]
+"""Returns other data for a message, by its number, from 0, and its data."""
 
 
 def unfinished_recordings(folder: Path) -> list[Path]:
@@ -42,10 +44,12 @@ def written_again(
     edit: Edit = lambda name: [(name, 0)],
     chunk_bytes: int = 1_000_000,
     late: tuple[str, int, int] = ("", 0, 0),
+    changed: tuple[str, Change] = ("", lambda number, data: data),
 ) -> None:
     """Write a recording again, with other phases or in other chunks.
 
-    late: topic and number, from 0, of a message that gets a later time, and by how much, ns.
+    late: topic and number, from 0, of a message that gets a later time, and by how much, ns. changed: topic
+    whose messages get other data.
     """
     stream = io.BytesIO()
     writer = Writer(stream, chunk_size=chunk_bytes, compression=CompressionType.NONE, enable_data_crcs=True)
@@ -59,9 +63,10 @@ def written_again(
                 channels[channel.id] = writer.register_channel(
                     channel.topic, channel.message_encoding, kept, dict(channel.metadata)
                 )
-            is_late = (channel.topic, seen[channel.topic]) == late[:2]
+            number = seen[channel.topic]
             seen[channel.topic] += 1
-            messages = [(message.data, late[2] if is_late else 0)]
+            data = changed[1](number, message.data) if channel.topic == changed[0] else message.data
+            messages = [(data, late[2] if (channel.topic, number) == late[:2] else 0)]
             if channel.topic == "/phase":
                 phases = edit(json.loads(message.data)["phase"])
                 messages = [(json.dumps({"phase": name}).encode(), later_ns) for name, later_ns in phases]

@@ -2,13 +2,16 @@
 
 import itertools
 import os
-from collections.abc import Callable
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 
 import numpy as np
 import pytest
 
 from drivers.clock import to_ns
-from drivers.errors import DeviceError
+from drivers.errors import DeviceError, OperatorStopError
 from drivers.types import Pose, Vector6
 from drivers.ur5e.arm import UR5e
 from fakes.clock import SharedClock
@@ -45,8 +48,26 @@ def let_go_of_arms() -> None:
         _made.pop().disconnect()
 
 
+@contextmanager
+def running(
+    script: str, controller: URController, *arguments: object, stderr: int | None = None
+) -> Iterator["subprocess.Popen[str]"]:
+    """Run a Python script with arguments: the controller's address, the slowness, and `arguments`."""
+    command = [sys.executable, "-c", script, controller.host, str(SLOWNESS), *map(str, arguments)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=stderr, text=True) as program:
+        try:
+            yield program
+        finally:
+            program.kill()
+
+
 def agree(question: str) -> None:
     """A person who has inspected the arm."""
+
+
+def refuse(question: str) -> None:
+    """A person who does not agree. Raises `OperatorStopError`."""
+    raise OperatorStopError(question)
 
 
 def first_error(call: Callable[[], object], limit_s: float = 3.0) -> DeviceError:

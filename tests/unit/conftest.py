@@ -22,8 +22,7 @@ from rig.sessions.codec import json_line, json_value
 from rig.sessions.files import write_json
 from rig.sessions.manifest import Manifest, RecordManifest, TrialManifest
 from rig.sessions.recorder import LiftRecorder
-from rig.sessions.records import ErrorSummary, Lift, LiftOutcome, PoseImage, PoseRow
-from rig.sessions.timing import LiftTiming, StageTimes
+from rig.sessions.records import ErrorSummary, Lift, LiftOutcome, LiftTiming, PoseImage, PoseRow, StageTimes
 from rig.tactile.angles import FUSED, MARKERS, Angles
 
 Press = Callable[..., NDArray[np.uint8]]

@@ -37,7 +37,7 @@ from pymodbus.simulator import DataType, SimData, SimDevice
 from drivers.clock import NS_PER_S, Clock, host_s, to_ns
 from drivers.errors import InputError
 from fakes.faults import MOTIONLESS, Faults, overshot
-from fakes.wire.net import VitalThread
+from fakes.wire.net import Part
 from fakes.world.motion import FingerPath
 from fakes.world.world import FINGER_STIFFNESS_N_M, World
 
@@ -134,12 +134,11 @@ class GripperModel:
         self._take(request, now_ns)
         self._latched = request
         self._advance(now_ns)
-        drifts = "drift" in self.faults
-        if drifts and not self._drifted:
+        if "drift" in self.faults and not self._drifted:
             for name in self._fingers:
                 axis = self.axes[name]
                 axis.path, axis.contact = axis.path.drifting(self._open, now_ns), 0
-        self._drifted = drifts
+        self._drifted = "drift" in self.faults
         self._stop_at_contact(now_ns)
         paths = [self.axes[name].path for name in self._fingers]
         if paths != before:
@@ -155,9 +154,8 @@ class GripperModel:
 
     def lose_power(self, now_ns: int) -> None:
         """Clear all registers; the fingers stay where they are."""
-        self.written[:] = bytes(IMAGE_BYTES)
+        self._latched = self.written[:] = bytes(IMAGE_BYTES)
         self._reset(now_ns)
-        self._latched = bytes(IMAGE_BYTES)
         self.image = self._status(now_ns)
 
     def clear_fault(self) -> None:
@@ -249,9 +247,7 @@ class GripperModel:
 
     def _stop_at_contact(self, now_ns: int) -> None:
         moving = [(name, axis) for name, axis in self.axes.items() if axis.moving(now_ns)]
-        if not moving:
-            return
-        resistance = FINGER_STIFFNESS_N_M * self._world.squeeze_at(now_ns)
+        resistance = FINGER_STIFFNESS_N_M * self._world.squeeze_at(now_ns) if moving else 0.0
         for name, axis in moving:
             limit = WEAKEST_N + FORCE_PER_COUNT_N * axis.asked[2]
             if self.faults & MOTIONLESS:
@@ -281,10 +277,8 @@ class GripperModel:
 
     def _refusal(self) -> int:
         """Return the priority fault of a motion that has to wait: 5, 6 or 7, also if rACT comes with rGTO."""
-        if not self._latched[0] & 8:
-            return 0
-        if not self._latched[0] & 1:
-            return 0x07
+        if self._latched[0] & 9 != 9:
+            return 0x07 if self._latched[0] & 8 else 0
         return {ACTIVATING: 0x05, CHANGING_MODE: 0x06}.get(self._stage, 0)
 
 
@@ -316,19 +310,27 @@ Server = ModbusTcpServer | ModbusSerialServer
 logging.getLogger("pymodbus").addHandler(logging.NullHandler())
 
 
-class WireGripper(ABC):
+class WireGripper(Part, ABC):
     """The gripper behind pymodbus's server: registers, 200 Hz refresh, faults, and its event loop.
 
-    Line faults are injected by the server's hooks: `_access` refuses or delays a request, `_pdu` replaces a
-    reply by an exception, `_packet` damages the bytes of a reply.
+    preset: of the registers' addresses, see `BASES`. fingers: the axes that carry the world's fingertips.
+    activation_s: duration of the activation (our assumption). Line faults are injected by the server's hooks:
+    `_access` refuses or delays a request, `_pdu` replaces a reply by an exception, `_packet` damages the
+    bytes of a reply.
     """
 
     unit = 0
     """The unit that is answered, 0 for any."""
 
     def __init__(
-        self, world: World, clock: Clock, preset: str, fingers: tuple[str, ...], activation_s: float
+        self,
+        world: World,
+        clock: Clock,
+        preset: str,
+        fingers: tuple[str, ...] = ("B", "C"),
+        activation_s: float = 3.0,
     ) -> None:
+        super().__init__("simulated gripper", lambda: asyncio.run(self._serve()))
         if preset not in BASES:
             raise InputError(f"simulated gripper: no preset '{preset}': use one of {', '.join(BASES)}")
         self._clock = clock
@@ -337,29 +339,13 @@ class WireGripper(ABC):
         self._faults = Faults("simulated gripper", FAULTS, clock.now_ns)
         self._requests = self._replies = 0
         self._random = random.Random(0)  # noqa: S311 - noise on a line, not a secret
-        self._stopping = threading.Event()
-        self._thread: VitalThread | None = None
+        self._opened: concurrent.futures.Future[None] = concurrent.futures.Future()
         self._lock = threading.RLock()
 
     def start(self) -> None:
         """Open the line and serve it from a thread. Raises `InputError` if it is in use."""
-        self._stopping.clear()
-        opened: concurrent.futures.Future[None] = concurrent.futures.Future()
-        self._thread = VitalThread(lambda: asyncio.run(self._serve(opened)), "simulated gripper")
-        self._thread.start()
-        opened.result()
-
-    @property
-    def failure(self) -> Exception | None:
-        """The error that ended the gripper, None if there was none."""
-        return self._thread.failure if self._thread else None
-
-    def stop(self) -> None:
-        """Stop serving. Safe to call twice."""
-        self._stopping.set()
-        if self._thread is not None:
-            self._thread.join(2.0)
-            self._thread = None
+        super().start()
+        self._opened.result()
 
     def inject(self, kind: str, **arguments: Any) -> None:
         """Start a fault of `FAULTS`, or end all with "clear". Raises `InputError` for an unknown one."""
@@ -402,15 +388,15 @@ class WireGripper(ABC):
         device = SimDevice(self.unit, simdata=blocks, action=self._access)
         return kind(device, trace_pdu=self._pdu, trace_packet=self._packet, **arguments)
 
-    async def _serve(self, opened: concurrent.futures.Future[None]) -> None:
+    async def _serve(self) -> None:
         try:
             await self._open()
         except InputError as error:
-            opened.set_exception(error)
+            self._opened.set_exception(error)
             return
-        opened.set_result(None)
+        self._opened.set_result(None)
         is_open = True
-        while not self._stopping.is_set():
+        while not self.stopping.is_set():
             with self._lock:
                 now_ns = self._clock.now_ns()
                 self._model.faults = active = self._faults.names()
@@ -488,20 +474,14 @@ PAUSE_S = 0.05
 class GripperServer(WireGripper):
     """Modbus TCP; any unit is answered, because the manual and the ROS driver use different ones.
 
-    preset: "tcp" or "tcp-2014". Its port is free at the start, and kept over a disconnect. fingers: the
-    axes that carry the world's fingertips. activation_s: duration of the activation (our assumption).
+    preset: "tcp" or "tcp-2014". Its port is free at the start, and kept over a disconnect. more: as for
+    `WireGripper`.
     """
 
     def __init__(
-        self,
-        world: World,
-        clock: Clock,
-        host: str = "127.0.0.1",
-        preset: str = "tcp",
-        fingers: tuple[str, ...] = ("B", "C"),
-        activation_s: float = 3.0,
+        self, world: World, clock: Clock, host: str = "127.0.0.1", preset: str = "tcp", **more: Any
     ) -> None:
-        super().__init__(world, clock, preset, fingers, activation_s)
+        super().__init__(world, clock, preset, **more)
         self.address = host, 0
         """Host and port, known from `start` on."""
         self._server: ModbusTcpServer | None = None
@@ -530,15 +510,8 @@ class GripperRtu(WireGripper):
 
     unit = 9
 
-    def __init__(
-        self,
-        world: World,
-        clock: Clock,
-        link_path: str | Path,
-        fingers: tuple[str, ...] = ("B", "C"),
-        activation_s: float = 3.0,
-    ) -> None:
-        super().__init__(world, clock, "rtu", fingers, activation_s)
+    def __init__(self, world: World, clock: Clock, link_path: str | Path, **more: Any) -> None:
+        super().__init__(world, clock, "rtu", **more)
         self._link = Path(link_path)
         self._ends: tuple[int, ...] = ()
         self._heard_ns = 0

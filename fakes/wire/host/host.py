@@ -24,7 +24,7 @@ from fakes.faults import FaultScript
 from fakes.objects.catalogue import short_id
 from fakes.wire.gripper.server import GripperRtu, GripperServer, WireGripper
 from fakes.wire.mjpeg.server import MjpegServer
-from fakes.wire.net import ControlServer, VitalThread
+from fakes.wire.net import ControlServer, Part
 from fakes.wire.ur.controller import POLYSCOPE, URController
 from fakes.world.fixture import parse_fixture
 from fakes.world.mirror import PATIENCE_S, MirroredWorld, Snapshot, Track, snapshot_of
@@ -33,6 +33,7 @@ from fakes.world.world import World
 START_S = 120.0
 """Time limit for the start of the rendering process and for its answers: longer than a loaded host takes."""
 STOP_S = 5.0
+ENDED = "fake cameras: their process has ended; start the fakes again"
 ALIVE_S = 0.25
 """Interval at which the rendering process checks that all of its threads are alive."""
 CAMERA_PHASE = 0.125
@@ -56,22 +57,22 @@ class Renderer:
         feed.close()
         calls.close()
 
-    def urls(self) -> dict[str, str]:
-        """Wait until the streams are up; return where each serial is served."""
-        return self._answer(START_S)
-
     def feed(self, snapshot: Snapshot) -> None:
         """Send the state of the world to the process. Raises `DeviceError` if the process has ended."""
         try:
             self._feed.send(snapshot)
         except OSError as error:
-            raise self._reason() from error
+            with self._lock, suppress(EOFError, OSError):
+                while self._calls.poll(STOP_S):
+                    if isinstance(answer := self._calls.recv(), DeviceError):  # why the process has ended
+                        raise answer from error
+            raise DeviceError(ENDED) from error
 
     def call(self, serial: str, method: str, **arguments: Any) -> Any:
         """Call a method of the server of a stream. Raises its errors."""
         with self._lock:
             self._calls.send((serial, method, arguments))
-            return self._answer(START_S)
+            return self.answer()
 
     def stop(self) -> None:
         self._feed.close()
@@ -81,25 +82,17 @@ class Renderer:
             self._process.kill()
             self._process.join()
 
-    def _reason(self) -> DeviceError:
-        """Return why the process has ended: its own error if it sent one."""
-        with self._lock, suppress(EOFError, OSError):
-            while self._calls.poll(STOP_S):
-                answer = self._calls.recv()
-                if isinstance(answer, DeviceError):
-                    return answer
-        return DeviceError("fake cameras: their process has ended; start the fakes again")
-
-    def _answer(self, timeout_s: float) -> Any:
+    def answer(self) -> Any:
+        """Return the answer to a call; the first one is where each serial is served. Raises its errors."""
         try:
-            if self._calls.poll(timeout_s):
-                answer = self._calls.recv()
-                if isinstance(answer, Exception):
-                    raise answer
-                return answer
+            if not self._calls.poll(START_S):
+                raise DeviceError(f"fake cameras: no answer from their process within {START_S:g} s")
+            answer = self._calls.recv()
         except (EOFError, OSError) as error:
-            raise DeviceError("fake cameras: their process has ended; start the fakes again") from error
-        raise DeviceError(f"fake cameras: no answer from their process within {timeout_s:g} s")
+            raise DeviceError(ENDED) from error
+        if isinstance(answer, Exception):
+            raise answer
+        return answer
 
 
 def _render(
@@ -117,7 +110,7 @@ def _render(
             while True:
                 world.feed(feed.recv())
 
-    feeder = VitalThread(keep_fed, "updates of the mirrored world")
+    feeder = Part("updates of the mirrored world", keep_fed)
     feeder.start()
     servers: dict[str, MjpegServer] = {}
     try:
@@ -128,14 +121,21 @@ def _render(
             servers[source.serial] = _serve(drawn, clock, host, phase)
         calls.send({serial: server.url for serial, server in servers.items()})
         while _answer_calls(servers, calls):
-            for failure in (part.failure for part in (feeder, *servers.values())):
-                if failure is not None:
-                    raise DeviceError(f"fake cameras: {type(failure).__name__}: {failure}")
+            _require_alive("fake cameras", feeder, *servers.values())
     except RigError as error:
         calls.send(error)
     finally:
         for server in servers.values():
             server.stop()
+
+
+def _require_alive(whose: str, *parts: Part) -> None:
+    """Raise a `DeviceError` with the reason if one of the parts has ended."""
+    for failure in (part.failure for part in parts):
+        if isinstance(failure, DeviceError):
+            raise failure
+        if failure is not None:
+            raise DeviceError(f"{whose}: {type(failure).__name__}: {failure}")
 
 
 def _serve(source: FakeDigit | FakeCamera, clock: SharedClock, host: str, phase: float) -> MjpegServer:
@@ -166,7 +166,6 @@ def _answer_calls(servers: dict[str, MjpegServer], calls: Connection) -> bool:
 TICK_S = 0.004
 LOOK_S = 0.5
 """Interval at which `wait` checks that all parts are alive."""
-JOIN_S = 2.0
 MOST_SEED = 2**63 - 1
 
 
@@ -214,16 +213,15 @@ class FakesHost:
         """Address of each device: the arm, the gripper, and streams by their serials."""
         self._running = ExitStack()
         self._stopping = threading.Event()
-        self._vital: list[URController | WireGripper | ControlServer | VitalThread] = []
+        self._vital: list[Part] = []
 
     def start(self) -> Addresses:
         """Start everything and return the addresses. Raises `InputError` if a port is in use."""
         sys.setswitchinterval(SWITCH_S)
-        try:
-            return self._start()
-        except BaseException:
-            self.stop()
-            raise
+        with ExitStack() as running:
+            addresses = self._start(running)
+            self._running = running.pop_all()
+        return addresses
 
     def stop(self) -> None:
         self._stopping.set()
@@ -236,26 +234,22 @@ class FakesHost:
 
     def check(self) -> None:
         """Raise a `DeviceError` with the reason if a part of the fakes has ended."""
-        for failure in (part.failure for part in self._vital):
-            if isinstance(failure, DeviceError):
-                raise failure
-            if failure is not None:
-                raise DeviceError(f"fakes: a part has ended: {type(failure).__name__}: {failure}")
+        _require_alive("fakes: a part has ended", *self._vital)
 
-    def _start(self) -> Addresses:
+    def _start(self, running: ExitStack) -> Addresses:
         wire, world, clock = self._wire, self._world, self._clock
         arm = self._arm = URController(world, clock, self._host, wire.polyscope)
         renderer = Renderer(self._plan, clock, snapshot_of(world, clock.now_ns()), self._host)
-        self._running.callback(renderer.stop)
+        running.callback(renderer.stop)
         if wire.rtu is not None:
-            gripper = GripperRtu(world, clock, wire.rtu, wire.fingers)
+            gripper = GripperRtu(world, clock, wire.rtu, fingers=wire.fingers)
         else:
             gripper = GripperServer(world, clock, self._host, preset=wire.preset, fingers=wire.fingers)
         for device in (arm, gripper):
             device.start()
-            self._running.callback(device.stop)
-        streams = renderer.urls()
-        self._devices = {"arm": arm, "gripper": gripper}
+            running.callback(device.stop)
+        streams = renderer.answer()
+        self._devices |= {"arm": arm, "gripper": gripper}
         self._devices |= {serial: _Stream(renderer, serial) for serial in streams}
         commands = {
             "place": self._place, "fault": self._fault, "world": self._state, "track": self._since,
@@ -268,28 +262,21 @@ class FakesHost:
         control = ControlServer(commands, self._host)
         where = gripper.device if isinstance(gripper, GripperRtu) else gripper.address
         self._served = {"arm": self._host, "gripper": where, **streams}
-        control.start()
-        self._running.callback(control.stop)
-        self._vital = [arm, gripper, control, self._ticker(renderer)]
+        # the ticker may be blocked by cameras that read nothing more; their process ends after it
+        ticker = Part("world of the fakes", lambda: self._tick(renderer))
+        for part in (control, ticker):
+            part.start()
+            running.callback(part.stop)
+        self._vital = [arm, gripper, control, ticker]
         return Addresses(self._host, where, streams, control.address)
 
-    def _ticker(self, renderer: Renderer) -> VitalThread:
+    def _tick(self, renderer: Renderer) -> None:
         """Advance the world and send it to the cameras, whether or not a device asks."""
-        tick_s = host_s(self._clock, TICK_S)
-
-        def run() -> None:
-            while not self._stopping.wait(tick_s):
-                snapshot = snapshot_of(self._world, self._clock.now_ns())
-                state, counts = snapshot.state, self._world.fingers.position_at(snapshot.state.time_ns)
-                self._track.see(state.time_ns, snapshot.tool.position_m, counts, state.held)
-                renderer.feed(snapshot)
-
-        ticker = VitalThread(run, "world of the fakes")
-        ticker.start()
-        # with a limit: it may be blocked by cameras that read nothing more, whose process ends after it
-        self._running.callback(ticker.join, JOIN_S)
-        self._running.callback(self._stopping.set)
-        return ticker
+        while not self._stopping.wait(host_s(self._clock, TICK_S)):
+            snapshot = snapshot_of(self._world, self._clock.now_ns())
+            state, counts = snapshot.state, self._world.fingers.position_at(snapshot.state.time_ns)
+            self._track.see(state.time_ns, snapshot.tool.position_m, counts, state.held)
+            renderer.feed(snapshot)
 
     def _place(self, object: str, seed: int | None = None) -> None:
         """Lay an object down or mount a target, as an operator does, if it can be drawn."""

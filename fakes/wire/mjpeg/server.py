@@ -26,7 +26,7 @@ from drivers.errors import InputError
 from drivers.types import Image
 from fakes.faults import Faults
 from fakes.gel.variation import encoded
-from fakes.wire.net import BackgroundServer, QuietServer, VitalThread
+from fakes.wire.net import BackgroundServer, Part, QuietServer
 
 Kind = Literal["digit", "camera"]
 Render = Callable[[int], Image]
@@ -104,11 +104,10 @@ class MjpegSensor:
         with self._lock:
             if "size_px" in settings:
                 size = _numbers(settings["size_px"], 2)
-                wanted = next((known for known in self._rates if known == size), None)
-                if wanted is None:
+                if size not in self._rates:
                     raise InputError(f"sensor: no size {size}; there are {sorted(self._rates)}")
-                self._size = wanted
-                self._set_rate(self._rates[wanted][0])
+                self._size = int(size[0]), int(size[1])
+                self._set_rate(self._rates[self._size][0])
             if "rate_hz" in settings:
                 self._set_rate(_numbers([settings["rate_hz"]], 1)[0])
             if "light" in settings:
@@ -206,7 +205,7 @@ STUCK_S = 5.0
 """A client that reads nothing for this long is dropped."""
 
 
-class MjpegServer:
+class MjpegServer(Part):
     """One sensor behind one port. `start` and `stop` it; `url` is its stream.
 
     render: draws the (H, W, 3) uint8 RGB image at a time in ns of `clock`, upright. It runs in the server's
@@ -226,6 +225,7 @@ class MjpegServer:
         on_light: OnLight | None = None,
         phase: float | None = None,
     ) -> None:
+        super().__init__(f"stream of {serial}", self._serve)
         self.serial = serial
         phase = crc32(serial.encode()) % 1000 / 1000.0 if phase is None else phase
         self.sensor = MjpegSensor(render, rate_hz, clock, kind, on_light, phase)
@@ -233,11 +233,11 @@ class MjpegServer:
         self._clock = clock
         self._to_monotonic_ns = SystemClock(slowness_of(clock)).now_ns() - clock.now_ns()
         handler = type("Handler", (_Handler,), {"served": self})
-        self._http = BackgroundServer(_Server((host, 0), handler), poll_s=0.05)
+        server = type("Server", (QuietServer, HTTPServer), {})((host, 0), handler)
+        self._http = BackgroundServer(server, poll_s=0.05)
         self._changed = threading.Condition()
         self._clients: list[deque[Capture]] = []
-        self._stopping = threading.Event()
-        self._thread = VitalThread(self._work, f"stream of {serial}")
+
         self._counts = {"served": 0, "missed": 0, "withheld": 0, "skipped": 0}
         self._ranges: list[list[int]] = []
 
@@ -246,21 +246,14 @@ class MjpegServer:
         host, port = self._http.host_port
         return f"http://{host}:{port}/stream.mjpg"
 
-    @property
-    def failure(self) -> Exception | None:
-        """The error that ended the stream, None if there was none."""
-        return self._thread.failure or self._http.failure
-
     def start(self) -> None:
-        """Start to serve; return at once."""
         self._http.start()
-        self._thread.start()
+        super().start()
 
     def stop(self) -> None:
-        self._stopping.set()
+        self.stopping.set()
         self._http.stop()
-        if self._thread.is_alive():
-            self._thread.join()
+        super().stop()
 
     def snapshot(self) -> dict[str, Any]:
         """Return the counts since the start.
@@ -271,14 +264,9 @@ class MjpegServer:
         """
         with self._changed:
             ranges = [list(run) for run in self._ranges]
-            return {
-                "serial": self.serial,
-                **self._counts,
-                "first": ranges[0][0] if ranges else None,
-                "last": ranges[-1][1] if ranges else None,
-                "ranges": ranges,
-                "clients": len(self._clients),
-            }
+            first, last = (ranges[0][0], ranges[-1][1]) if ranges else (None, None)
+            found = {"first": first, "last": last, "ranges": ranges, "clients": len(self._clients)}
+            return {"serial": self.serial, **self._counts, **found}
 
     def captures(self) -> Iterator[Capture]:
         """Join the stream: yield its captures from now on, until it stops or is disconnected."""
@@ -308,14 +296,16 @@ class MjpegServer:
 
     def _next(self, queue: deque[Capture]) -> Capture | None:
         with self._changed:
-            while not (self._stopping.is_set() or self.sensor.active("disconnect")):
+            while not (self.stopping.is_set() or self.sensor.active("disconnect")):
                 if queue:
                     return queue.popleft()
                 self._changed.wait(POLL_S)
             return None
 
-    def _work(self) -> None:
-        while not self._stopping.is_set():
+    def _serve(self) -> None:
+        while not self.stopping.is_set():
+            if self._http.failure is not None:
+                raise self._http.failure
             with self._changed:
                 if not self._clients:
                     self._changed.wait(POLL_S)
@@ -342,10 +332,6 @@ class MjpegServer:
                 self._counts["skipped"] += 1
             queue.append(capture)
         self._changed.notify_all()
-
-
-class _Server(QuietServer, HTTPServer):
-    """The HTTP server of a stream."""
 
 
 class _Handler(BaseHTTPRequestHandler):

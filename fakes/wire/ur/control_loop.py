@@ -14,7 +14,6 @@ from drivers.types import Vector6
 from fakes.wire.ur.robot import (
     STEADY_CYCLES,
     Brake,
-    Guided,
     ProgramError,
     Robot,
     ServoMove,
@@ -77,9 +76,6 @@ class ControlLoop:
         for i, value in enumerate(values, self.offset):
             self.robot.bank.set(f"output_double_register_{i}", value)
 
-    def answer_integer(self, value: int) -> None:
-        self._write_integer(1, value)
-
     def operate(self, operation: Thread) -> Thread:
         """Run a motion or stop: to its end, or asynchronously if integer register 1 is set.
 
@@ -125,26 +121,26 @@ class ControlLoop:
         self._writes = (self._writes + 1) % (_MOST_COUNT + 1)
         self._operations = (self._operations + (progress == 0)) % (_MOST_COUNT + 1)
         status = progress | _RUNNING_BIT if progress >= 0 else 0
-        self._write_integer(2, self._writes << 16 | self._operations << 24 | status)
+        self.write_integer(2, self._writes << 16 | self._operations << 24 | status)
 
     def _poll(self) -> Thread:
         self._report(FINISHED)
-        self._write_integer(0, READY)
+        self.write_integer(0, READY)
         executed = False
         while True:
             command = self.integer(0)
             if command in REALTIME:
                 yield from self._execute(command)
-                self._write_integer(0, READY)
+                self.write_integer(0, READY)
             elif command == 0:
                 executed = False
-                self._write_integer(0, READY)
+                self.write_integer(0, READY)
             elif command == STOP_SCRIPT and not executed:
                 return
             elif not executed:
                 yield from self._execute(command)
                 executed = True
-                self._write_integer(0, DONE)
+                self.write_integer(0, DONE)
             yield
 
     def _execute(self, command: int) -> Thread:
@@ -155,7 +151,7 @@ class ControlLoop:
             raise ProgramError(f"{name} of ur-rtde is not simulated; docs/simulated.md lists the calls")
         yield from handler(self) or ()
 
-    def _write_integer(self, index: int, value: int) -> None:
+    def write_integer(self, index: int, value: int) -> None:
         self.robot.bank.set(f"output_int_register_{index + self.offset}", value)
 
 
@@ -198,17 +194,16 @@ def _speed_stop(loop: ControlLoop) -> Thread:
 
 
 def _has_solution(loop: ControlLoop) -> None:
-    loop.answer_integer(loop.robot.solution(loop.frame(0)) is not None)
+    loop.write_integer(1, loop.robot.solution(loop.frame(0)) is not None)
 
 
-def _set_payload(loop: ControlLoop) -> None:
-    mass, *cog = loop.doubles(0, 4)
-    loop.robot.load(mass, tuple(cog) if any(cog) else None)
+def _teach(loop: ControlLoop) -> None:
+    loop.robot.body.mover = loop.robot.hand
 
 
 def _end_teaching(loop: ControlLoop) -> Thread | None:
     """Return to position control and brake the arm. Without teach mode nothing happens."""
-    return loop.brake(FREEDRIVE_BRAKE) if isinstance(loop.robot.body.mover, Guided) else None
+    return loop.brake(FREEDRIVE_BRAKE) if loop.robot.body.mover is loop.robot.hand else None
 
 
 COMMANDS: dict[int, Command] = {
@@ -222,20 +217,22 @@ COMMANDS: dict[int, Command] = {
     11: _servo_j,
     15: _speed_stop,
     16: lambda loop: loop.brake(loop.doubles(0, 1)[0]),
-    17: _set_payload,
-    18: lambda loop: loop.robot.be_guided(),
+    17: lambda loop: loop.robot.load(*loop.doubles(0, 4)),
+    18: _teach,
     19: _end_teaching,
     29: lambda loop: loop.robot.set_tool(loop.frame(0)),
     30: lambda loop: loop.answer(loop.robot.solved(loop.frame(0), loop.joints(6))),
-    31: lambda loop: loop.robot.protective_stop(),
+    31: lambda loop: loop.robot.safety.protective_stop(loop.robot.time_ns),
     33: _stop(linear=True),
     34: _stop(linear=False),
-    35: lambda loop: loop.robot.watch(f"input_int_register_{loop.offset}", *loop.doubles(0, 1)),
+    35: lambda loop: loop.robot.runtime.watch(
+        f"input_int_register_{loop.offset}", loop.doubles(0, 1)[0], loop.robot.time_ns
+    ),
     36: _has_solution,
     40: lambda loop: loop.answer(to_ur(loop.robot.body.tool)),
     45: lambda loop: loop.operate(loop.along_path()),
     46: lambda loop: loop.answer(loop.robot.solved(loop.frame(0))),
-    47: lambda loop: loop.answer_integer(loop.robot.body.still_cycles >= STEADY_CYCLES),
+    47: lambda loop: loop.write_integer(1, loop.robot.body.still_cycles >= STEADY_CYCLES),
     60: _has_solution,
     61: _has_solution,
 }

@@ -17,7 +17,7 @@ import selectors
 import socket
 import threading
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -26,9 +26,9 @@ from drivers.clock import NS_PER_S, Clock, host_s
 from drivers.errors import InputError
 from drivers.types import Vector6
 from fakes.faults import Faults
-from fakes.wire.net import VitalThread
+from fakes.wire.net import Part
 from fakes.wire.ur.control_loop import ControlLoop
-from fakes.wire.ur.robot import CYCLE_NS, Guided, Robot
+from fakes.wire.ur.robot import CYCLE_NS, Robot
 from fakes.wire.ur.rtde import RtdeSession
 from fakes.wire.ur.script import BANNER, LineReader, ProgramReader, control_program, reply, run_other
 from fakes.world.kinematics import PHYSICAL_TOOL, compose, from_ur, rotation_between
@@ -51,6 +51,7 @@ class Connection:
     socket: socket.socket
     port: int
     feed: Feed
+    session: RtdeSession | None = None
     pending: bytes = b""
     blocked_ns: int | None = None
     last: bytes = b""
@@ -85,24 +86,6 @@ class Connection:
         self.closed |= len(self.pending) > MOST_PENDING
 
 
-def listen(host: str, ports: Iterable[int]) -> dict[int, socket.socket]:
-    """Listen on all ports. Raises `InputError` if one is in use or the address is not of this computer."""
-    listeners: dict[int, socket.socket] = {}
-    for port in ports:
-        try:
-            listeners[port] = socket.create_server((host, port), backlog=16)
-            listeners[port].setblocking(False)
-        except OSError as error:
-            for listener in listeners.values():
-                listener.close()
-            why = os.strerror(error.errno or 0)
-            raise InputError(
-                f"simulated controller: cannot listen on {host} port {port}: {why}; "
-                "its ports are fixed: give each controller its own address (127.0.0.2) or stop the other"
-            ) from error
-    return listeners
-
-
 RTDE_PORT, DASHBOARD_PORT, REALTIME_PORT = 30004, 29999, 30003
 SCRIPT_PORTS = (30001, 30002, REALTIME_PORT)
 TOO_LATE_NS = 250_000_000
@@ -112,7 +95,6 @@ STOOD_STILL_NS = 20_000_000
 POLYSCOPE = "5.11.0"
 """The version that is announced by default."""
 BUILDS = {(5, 11): 108249}
-JOIN_S = 2.0
 FAULTS: dict[str, dict[str, Any]] = {
     "protective_stop": {},
     "emergency_stop": {},
@@ -136,7 +118,7 @@ pendant is switched to local, so that no program is accepted. recipe_refused: va
 _log = logging.getLogger(__name__)
 
 
-class URController:
+class URController(Part):
     """The controller, in a thread of the hosting process.
 
     clock: the world's time. version: the announced version, "5.11.0" or later. release_after_s: time until a
@@ -151,6 +133,7 @@ class URController:
         version: str = POLYSCOPE,
         release_after_s: float = 5.0,
     ) -> None:
+        super().__init__(f"simulated controller on {host}", self._serve)
         self.host, self._clock = host, clock
         if not re.fullmatch(r"5\.\d{1,3}\.\d{1,3}", version):
             raise InputError(
@@ -164,40 +147,36 @@ class URController:
         self._listeners: dict[int, socket.socket] = {}
         self._selector = selectors.SelectSelector()
         self._connections: list[Connection] = []
-        self._sessions: dict[Connection, RtdeSession] = {}
         self._lock = threading.RLock()
-        self._stopping = threading.Event()
-        self._thread: VitalThread | None = None
+
         self._cycle = self._skipped = 0
         self._cpu_s = 0.0
 
     def start(self) -> None:
-        """Listen and run. Raises `InputError` if a port is in use."""
-        self._listeners = listen(self.host, (RTDE_PORT, DASHBOARD_PORT, *SCRIPT_PORTS))
-        for port, listener in self._listeners.items():
+        """Listen and run. Raises `InputError` if a port is in use or the address is not of this computer."""
+        for port in (RTDE_PORT, DASHBOARD_PORT, *SCRIPT_PORTS):
+            try:
+                listener = self._listeners[port] = socket.create_server((self.host, port), backlog=16)
+            except OSError as error:
+                self.stop()
+                why = os.strerror(error.errno or 0)
+                raise InputError(
+                    f"simulated controller: cannot listen on {self.host} port {port}: {why}; "
+                    "its ports are fixed: give each controller its own address (127.0.0.2) or stop the other"
+                ) from error
+            listener.setblocking(False)
             self._selector.register(listener, selectors.EVENT_READ, port)
         self._cycle = self._clock.now_ns() // CYCLE_NS
-        self._stopping.clear()
-        self._thread = VitalThread(self._serve, f"simulated controller on {self.host}")
-        self._thread.start()
-
-    @property
-    def failure(self) -> Exception | None:
-        """The error that ended the controller, None if there was none."""
-        return self._thread.failure if self._thread else None
+        super().start()
 
     def stop(self) -> None:
-        self._stopping.set()
-        if self._thread is not None:
-            self._thread.join(JOIN_S)
+        super().stop()
         for connection in self._connections:
             connection.closed = True
         self._remove_closed()
         for listener in self._listeners.values():
             listener.close()
-        self._listeners = {}
         self._selector.close()
-        self._selector = selectors.SelectSelector()
 
     def inject(self, kind: str, **arguments: Any) -> None:
         """Start a fault of `FAULTS`, or end all with "clear". Raises `InputError` for an unknown one."""
@@ -210,7 +189,7 @@ class URController:
                 case "clear":
                     robot.safety.release_button()
                 case "protective_stop":
-                    robot.protective_stop()
+                    robot.safety.protective_stop(robot.time_ns)
                 case "emergency_stop":
                     robot.safety.emergency_stop()
                 case "program_killed":
@@ -238,7 +217,7 @@ class URController:
 
     def snapshot(self) -> dict[str, Any]:
         with self._lock:
-            robot = self.robot
+            robot, sessions = self.robot, [c.session for c in self._connections if c.session is not None]
             return {
                 "host": self.host,
                 "version": ".".join(map(str, robot.version[:3])),
@@ -246,8 +225,8 @@ class URController:
                 "skipped_cycles": self._skipped,
                 "cpu_s": self._cpu_s,
                 "clients": len(self._connections),
-                "streams": sum(session.started for session in self._sessions.values()),
-                "ignored_packages": sum(session.ignored for session in self._sessions.values()),
+                "streams": sum(session.started for session in sessions),
+                "ignored_packages": sum(session.ignored for session in sessions),
                 "commands": {str(number): n for number, n in sorted(robot.commands.items())},
                 "program_running": robot.runtime.running,
                 "program_end": robot.runtime.last_error,
@@ -255,11 +234,11 @@ class URController:
                 "robot_mode": robot.safety.robot_mode.name,
                 "remote_control": robot.safety.remote_control,
                 "tcp_m": list(robot.body.tcp[:3]),
-                "freedrive": isinstance(robot.body.mover, Guided),
+                "freedrive": robot.body.mover is robot.hand,
             }
 
     def _serve(self) -> None:
-        while not self._stopping.is_set():
+        while not self.stopping.is_set():
             wait_ns = (self._cycle + 1) * CYCLE_NS - self._clock.now_ns()
             self._selector.select(host_s(self._clock, max(wait_ns, 0) / NS_PER_S))
             with self._lock:
@@ -291,10 +270,10 @@ class URController:
         frozen = self.faults.get("stream_frozen")
         if self._silent or (frozen is not None and not frozen["repeat"]):
             return
-        for connection, session in self._sessions.items():
-            if session.due(self._cycle):
+        for connection in self._connections:
+            if connection.session is not None and connection.session.due(self._cycle):
                 if not (connection.pending or (frozen and connection.last)):
-                    connection.last = session.data()
+                    connection.last = connection.session.data()
                 connection.send(connection.last, self.robot.time_ns, droppable=True)
         self._remove_closed()
 
@@ -313,7 +292,7 @@ class URController:
         greeting = b""
         if port == RTDE_PORT:
             session = RtdeSession(self.robot.bank, self.robot.version, self.robot.write_inputs, self._refused)
-            self._sessions[connection], connection.feed = session, session.feed
+            connection.session, connection.feed = session, session.feed
         elif port == DASHBOARD_PORT:
             connection.feed, greeting = partial(self._feed_dashboard, LineReader()), BANNER.encode() + b"\n"
         else:
@@ -358,6 +337,5 @@ class URController:
     def _remove_closed(self) -> None:
         for connection in [c for c in self._connections if c.closed]:
             self._connections.remove(connection)
-            self._sessions.pop(connection, None)
             self._selector.unregister(connection.socket)
             connection.socket.close()

@@ -3,10 +3,9 @@
 import logging
 import math
 from collections import Counter
-from collections.abc import Callable, Generator
+from collections.abc import Generator
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import Protocol
 
 from drivers.clock import NS_PER_S
 from drivers.errors import InputError
@@ -53,23 +52,18 @@ class OutOfReachError(Exception):
     """A motion left the reach of the joints; the controller's path check, never the user's input."""
 
 
-class ArmMover(Protocol):
-    """A motion of the arm."""
-
-    def step(self, body: "Body", dt_s: float) -> bool:
-        """Advance the motion by `dt_s`; return whether it has ended."""
-        ...
-
-
 class Body:
-    """Position and speed of the arm: joints, `base_T_flange`, and `flange_T_tcp` as it was set."""
+    """Position and speed of the arm: joints, `base_T_flange`, and `flange_T_tcp` as it was set.
+
+    Its motions raise `OutOfReachError` for a step that is out of reach or beyond what the joints can do.
+    """
 
     def __init__(self, joints_rad: Vector6, flange_T_tcp: Frame) -> None:  # noqa: N803
         self.q = joints_rad
         self.qd = self.twist = STILL
         self.flange = forward(joints_rad)
         self.tool, self.still_cycles = flange_T_tcp, LONG_STILL_CYCLES
-        self.mover: ArmMover | None = None
+        self.mover: Mover | None = None
 
     @property
     def tcp(self) -> Frame:
@@ -81,23 +75,18 @@ class Body:
         """Whether the arm has been still for long enough to have no speed."""
         return self.still_cycles > 2
 
-    def reach(self, base_T_tcp: Frame, near: Vector6 | None = None) -> Vector6 | None:  # noqa: N803
-        """Return the joint angles nearest to `near` (or to now) that reach a pose, None if there are none."""
-        return nearest_inverse(compose(base_T_tcp, inverse(self.tool)), near or self.q)
-
     def follow(self, base_T_tcp: Frame) -> None:  # noqa: N803
-        """Move the TCP by a small step. Raises `OutOfReachError`."""
+        """Move the TCP by a small step."""
         flange = compose(base_T_tcp, inverse(self.tool))
-        joints = tracked_inverse(flange, self.q)
-        if joints is None or not self._can_step_to(joints):
-            raise OutOfReachError
-        self.q, self.flange = joints, flange
+        self.bend(tracked_inverse(flange, self.q), flange)
 
-    def bend(self, joints_rad: Vector6) -> None:
-        """Move the joints by a small step. Raises `OutOfReachError`."""
-        if not self._can_step_to(joints_rad):
+    def bend(self, joints_rad: Vector6 | None, flange: Frame | None = None) -> None:
+        """Move the joints by a small step. flange: the pose that they reach, if it is known."""
+        if joints_rad is None or not all(
+            abs(b - a) <= MAX_STEP_RAD for a, b in zip(self.q, joints_rad, strict=True)
+        ):
             raise OutOfReachError
-        self.q, self.flange = joints_rad, forward(joints_rad)
+        self.q, self.flange = joints_rad, flange or forward(joints_rad)
 
     def shift(self, way: Vector6, joint: bool) -> None:
         """Move by a small step of the joints (rad), or of the TCP in base axes (m and rad)."""
@@ -105,9 +94,6 @@ class Body:
             self.bend(six(q + w for q, w in zip(self.q, way, strict=True)))
         else:
             self.follow(moved(self.tcp, way[:3], way[3:]))
-
-    def _can_step_to(self, joints_rad: Vector6) -> bool:
-        return all(abs(b - a) <= MAX_STEP_RAD for a, b in zip(self.q, joints_rad, strict=True))
 
     def step(self, dt_s: float, scale: float) -> bool:
         """Run one control cycle at a speed scale of 0 to 1; return whether the arm moved."""
@@ -126,43 +112,30 @@ class Body:
 
 
 class PathMove:
-    """A motion with a trapezoidal speed profile over a distance in m or rad.
+    """A motion with a trapezoidal speed profile from `start` to `target`, frames of the TCP or joint angles.
 
-    go: moves the body to a fraction of the path, 0 to 1.
+    movel: the TCP moves straight and turns about one axis, as the in-process arm does. movej (`joint`): all
+    joints start and end together; the joint with the longest way reaches the speed, rad/s.
     """
 
-    def __init__(
-        self, way: float, speed: float, acceleration: float, go: Callable[[Body, float], None]
-    ) -> None:
-        self._travel = TrapezoidProfile(0, way, max(speed, _LEAST), max(acceleration, _LEAST))
-        self._go, self._elapsed_s = go, 0.0
+    def __init__(self, start: Frame, target: Frame, speed: float, acceleration: float, joint: bool) -> None:
+        self._start, self._target, self.joint, self._elapsed_s = start, target, joint, 0.0
+        count = 6 if joint else 3
+        self._way = tuple(b - a for a, b in zip(start[:count], target[:count], strict=True))
+        self._turn = (0.0, 0.0, 0.0) if joint else rotation_between(start, target)
+        length = max(map(abs, self._way)) if joint else distance(to_pose(start), to_pose(target))
+        self._travel = TrapezoidProfile(0, length, max(speed, _LEAST), max(acceleration, _LEAST))
 
     def step(self, body: Body, dt_s: float) -> bool:
         self._elapsed_s += dt_s
-        fraction = self._travel.fraction_at(round(self._elapsed_s * NS_PER_S))
-        self._go(body, fraction)
-        return fraction >= 1.0
-
-
-def linear_move(start: Frame, target: Frame, speed: float, acceleration: float) -> PathMove:
-    """movel: the TCP moves straight and turns about one axis, as the in-process arm does."""
-    turn = rotation_between(start, target)
-
-    def go(body: Body, f: float) -> None:
-        shift = tuple(f * (b - a) for a, b in zip(start[:3], target[:3], strict=True))
-        body.follow(target if f >= 1.0 else moved(start, shift, tuple(f * r for r in turn)))
-
-    return PathMove(distance(to_pose(start), to_pose(target)), speed, acceleration, go)
-
-
-def joint_move(start: Vector6, target: Vector6, speed: float, acceleration: float) -> PathMove:
-    """movej: all joints start and end together; the joint with the longest way reaches the speed, rad/s."""
-    way = six(b - a for a, b in zip(start, target, strict=True))
-
-    def go(body: Body, f: float) -> None:
-        body.bend(six(a + f * w for a, w in zip(start, way, strict=True)))
-
-    return PathMove(max(map(abs, way)), speed, acceleration, go)
+        f = self._travel.fraction_at(round(self._elapsed_s * NS_PER_S))
+        shift = tuple(f * way for way in self._way)
+        if self.joint:
+            body.bend(six(a + s for a, s in zip(self._start, shift, strict=True)))
+        else:
+            turn = tuple(f * angle for angle in self._turn)
+            body.follow(self._target if f >= 1.0 else moved(self._start, shift, turn))
+        return f >= 1.0
 
 
 class SpeedMove:
@@ -243,7 +216,10 @@ class Brake:
 
 
 class GuidingHand:
-    """A simulated hand of a person: it pushes along a straight path for a time, also against a locked arm."""
+    """A simulated hand of a person: it pushes along a straight path for a time, also against a locked arm.
+
+    As a motion it is teach_mode: the arm follows the hand, and stands still when the hand does.
+    """
 
     def __init__(self) -> None:
         self._way: Vector6 = STILL
@@ -260,24 +236,18 @@ class GuidingHand:
         start, end = (0.5 - 0.5 * math.cos(math.pi * t / self._total_s) for t in (before, self._elapsed_s))
         self._share = end - start
 
-    def step(self) -> Vector6:
-        return six(self._share * value for value in self._way)
-
-
-class Guided:
-    """teach_mode: the arm follows the hand, and stands still when the hand does."""
-
-    def __init__(self, hand: GuidingHand) -> None:
-        self._hand = hand
-
     def step(self, body: Body, dt_s: float) -> bool:
-        way = self._hand.step()
+        way = six(self._share * value for value in self._way)
         if any(way):
             body.shift(way, joint=False)
         return False
 
 
-def move_until_done(body: Body, mover: ArmMover) -> Thread:
+Mover = PathMove | SpeedMove | ServoMove | Brake | GuidingHand
+"""A motion: `step` advances it by `dt_s` and returns whether it has ended."""
+
+
+def move_until_done(body: Body, mover: Mover) -> Thread:
     """Run a motion until it has ended or another one has replaced it."""
     body.mover = mover
     while body.mover is mover:
@@ -351,10 +321,8 @@ class Runtime:
 
     def step(self) -> bool:
         """Run one cycle of the program; return whether it ended."""
-        if self._program is None:
-            return False
         try:
-            if not ended(self._program):
+            if self._program is None or not ended(self._program):
                 return False
             self._end("ended")
         except (ProgramError, ValueError, ArithmeticError) as error:
@@ -388,6 +356,7 @@ _BITS = {
     SafetyMode.PROTECTIVE_STOP: 1 << 2 | 1 << 10,
     SafetyMode.ROBOT_EMERGENCY_STOP: 1 << 6 | 1 << 7 | 1 << 10,
 }
+"""`safety_status_bits`."""
 
 
 @dataclass(slots=True)
@@ -403,11 +372,6 @@ class Safety:
     @property
     def may_move(self) -> bool:
         return self.mode is SafetyMode.NORMAL and self.robot_mode is RobotMode.RUNNING
-
-    @property
-    def bits(self) -> int:
-        """`safety_status_bits`."""
-        return _BITS[self.mode]
 
     def protective_stop(self, time_ns: int) -> None:
         """Stop the arm and leave the power on."""
@@ -484,7 +448,7 @@ class Robot:
         self._wrench: Vector6 = STILL
         self.runtime = Runtime()
         self._set_slider(1.0)
-        self.load(INSTALLED_KG, INSTALLED_COG_M)
+        self.load(INSTALLED_KG, *INSTALLED_COG_M)
         self._publish_pose()
         self._publish()
 
@@ -492,7 +456,7 @@ class Robot:
 
     def solution(self, base_T_tcp: Frame, near: Vector6 | None = None) -> Vector6 | None:  # noqa: N803
         """Return the inverse kinematics within the joints' range, None for a pose out of reach."""
-        joints = self.body.reach(base_T_tcp, near)
+        joints = nearest_inverse(compose(base_T_tcp, inverse(self.body.tool)), near or self.body.q)
         return joints if joints is not None and _in_range(joints) else None
 
     def solved(self, base_T_tcp: Frame, near: Vector6 | None = None) -> Vector6:  # noqa: N803
@@ -515,25 +479,19 @@ class Robot:
         """
         if kind == "j":
             joints = self.solved(from_ur(target)) if pose else self.in_range(target)
-            return joint_move(self.body.q, joints, speed, acceleration)
+            return PathMove(self.body.q, joints, speed, acceleration, joint=True)
         end = from_ur(target) if pose else compose(forward(target), self.body.tool)
         self.solved(end)
-        return linear_move(self.body.tcp, end, speed, acceleration)
+        return PathMove(self.body.tcp, end, speed, acceleration, joint=False)
 
     def zero_force_sensor(self) -> None:
         self.force.zero(self._wrench)
 
-    def be_guided(self) -> None:
-        self.body.mover = Guided(self.hand)
-
-    def load(self, mass_kg: float, cog_m: tuple[float, ...] | None) -> None:
-        """Set the payload; None keeps the centre of gravity. Raises `ProgramError` for NaN or infinity."""
-        if not all(map(math.isfinite, (mass_kg, *(cog_m or ())))):
-            raise ProgramError(f"payload {mass_kg} kg, centre of gravity {cog_m}")
+    def load(self, mass_kg: float, *cog_m: float) -> None:
+        """Set the payload and, unless it is zero, its centre of gravity x, y, z."""
         self.bank.set("payload", mass_kg)
-        if cog_m is not None:
-            x, y, z = cog_m
-            self.bank.set("payload_cog", (x, y, z))
+        if any(cog_m):
+            self.bank.set("payload_cog", cog_m)
 
     def set_tool(self, flange_T_tcp: Frame) -> None:  # noqa: N803
         """Set the TCP. Raises `ProgramError` if it is further away than any tool."""
@@ -541,10 +499,6 @@ class Robot:
             raise ProgramError(f"TCP at {flange_T_tcp[:3]} m")
         self.body.tool = flange_T_tcp
         self._publish_pose()
-
-    def watch(self, register: str, least_hz: float) -> None:
-        """End the program if a register is written less often than `least_hz` (rtde_set_watchdog)."""
-        self.runtime.watch(register, least_hz, self.time_ns)
 
     # Events
 
@@ -566,10 +520,9 @@ class Robot:
         The new program starts in the cycle after its text of `characters` characters has been read. Until
         then the other one continues.
         """
-        if not self.safety.may_move:
-            return False
-        self.runtime.load(program, self.time_ns, characters)
-        return True
+        if self.safety.may_move:
+            self.runtime.load(program, self.time_ns, characters)
+        return self.safety.may_move
 
     def end_program(self, reason: str) -> None:
         """End the program, also one that is still being read. The arm brakes."""
@@ -580,9 +533,6 @@ class Robot:
     def speed_scale(self) -> float:
         """Fraction of its speed at which a motion runs: that of the slider while a program runs."""
         return self._slider if self.runtime.running else 1.0
-
-    def protective_stop(self) -> None:
-        self.safety.protective_stop(self.time_ns)
 
     def cycle(self, time_ns: int) -> None:
         """Run one control cycle at its nominal time."""
@@ -618,7 +568,7 @@ class Robot:
         try:
             return self.body.step(CYCLE_S, self.speed_scale) or was_moving
         except (OutOfReachError, ArithmeticError, ValueError):  # the motion is beyond the arm
-            self.protective_stop()
+            self.safety.protective_stop(self.time_ns)
             self.body.mover = None
             return True
 
@@ -640,9 +590,9 @@ class Robot:
         put("actual_TCP_force", self._wrench)
         put("tcp_force_scalar", math.hypot(*self._wrench[:3]))
         put("robot_mode", int(self.safety.robot_mode))
-        put("safety_mode", int(self.safety.mode))
-        put("safety_status", int(self.safety.mode))
-        put("safety_status_bits", self.safety.bits)
+        for name in ("safety_mode", "safety_status"):
+            put(name, int(self.safety.mode))
+        put("safety_status_bits", _BITS[self.safety.mode])
         put("robot_status_bits", (self.safety.robot_mode >= RobotMode.IDLE) | self.runtime.running << 1)
         put("speed_scaling", self.speed_scale)
         put("runtime_state", PLAYING if self.runtime.running else STOPPED)

@@ -22,7 +22,7 @@ from calibration.camera.intrinsics import (
     predict,
 )
 from calibration.camera.model import CameraModel
-from calibration.gel.balls import BallPress, calibrate_gel, find_press
+from calibration.gel.balls import Press, calibrate_gel, find_press
 from calibration.hand_eye.solve import HandEyeResult, Setup, calibrate_hand_eye
 from calibration.markers.angle import MarkerAngle, wrapped_deg
 from calibration.markers.tracker import MarkerTracker, Refine
@@ -48,8 +48,6 @@ _FURTHEST_DEG = 25.0
 
 @dataclass(frozen=True, slots=True)
 class AngleScene:
-    """Conditions of a scene's images."""
-
     side_px: float = 40.0
     tilt_deg: float = 15.0
     noise_grey: float = 4.0
@@ -79,8 +77,6 @@ SCENES = (
 
 @dataclass(frozen=True, slots=True)
 class AngleRow:
-    """The errors in one scene."""
-
     scene: str = column("two-marker angle, SIMULATED")
     rms_deg: float = column("rms, deg", ".4f", "of the answers")
     worst_deg: float = column("worst, deg", ".3f", "of the answers")
@@ -92,7 +88,7 @@ class AngleRow:
 def score_scene(scene: AngleScene, seed: tuple[int, ...]) -> AngleRow:
     pictures = MarkerPictures(scene.side_px, scene.tilt_deg, scene.blur_px, scene.noise_grey)
     rng = np.random.default_rng(seed)
-    camera = CameraModel(pictures.size, pictures.camera_matrix, pictures.distortion)
+    camera = CameraModel(pictures.scene.size, pictures.scene.camera_matrix, pictures.scene.distortion)
     angle = MarkerAngle(MarkerTracker(pictures.ids, pictures.dictionary), camera)
     angle.take_reference([_compressed(pictures.draw(0.0, rng), scene) for _ in range(_REFERENCE)])
     share = np.clip(np.arange(_FRAMES) - _AT_REST, 0, None) / (_FRAMES - _AT_REST)
@@ -246,9 +242,9 @@ def hand_eye_limits(seed: int, trials: int) -> list[Measured]:
     """Calibrate hand-eye from 20 views; noise 0.2 px, and of the robot 0.1 mm and 0.02 degrees."""
     errors, held = [], []
     for truth, result in _trials((seed, 1), trials):
-        pose = result.pose if result.spread else None
+        pose = result.pose
         errors.append(truth.error(pose) if pose else (np.inf, np.inf))
-        held.append(result.spread.holds(truth.error_vector(pose)) if pose and result.spread else False)
+        held.append(pose is not None and result.holds(truth.error_vector(pose)))
     mm, deg = np.array(errors).T
     flipped = [_off_mm(*of) for of in _trials((seed, 2), _FURTHER_TRIALS, flipped=2)]
     in_hand = [_off_mm(*of) for of in _trials((seed, 3), _FURTHER_TRIALS, Setup.EYE_IN_HAND)]
@@ -369,22 +365,21 @@ def gel_limits(data: Path | None) -> list[Measured]:
     ]
 
 
-def gelsight_presses(folder: Path) -> list[BallPress]:
+def gelsight_presses(folder: Path) -> list[Press]:
     """Return the presses in a folder with background.png and catalog.csv (image, diameter(mm))."""
     reference = read_image(folder / "background.png").astype(np.float32)
     presses = []
     path = folder / "catalog.csv"
     for line, row in read_csv_rows(path, ("image", "diameter(mm)")):
-        found = find_press(read_image(folder / row["image"]), reference, row["image"])
+        radius_mm = number_in(row, "diameter(mm)", f"{path}: line {line}") / 2.0
+        found = find_press(read_image(folder / row["image"]), reference, row["image"], radius_mm)
         if not isinstance(found, str):
-            presses.append(BallPress(found, number_in(row, "diameter(mm)", f"{path}: line {line}") / 2.0))
+            presses.append(found)
     return presses
 
 
 @dataclass(frozen=True, slots=True)
 class CalibrationOptions:
-    """Options of `rig benchmark calibration`."""
-
     trials: int = option(200, "Hand-eye trials.", min=20)
 
 
@@ -395,9 +390,7 @@ def measure(options: CalibrationOptions, run: Run) -> Report:
 
     Examples:
       rig benchmark calibration
-
       rig benchmark calibration --trials 50 --json
-
     """
     cv2.setNumThreads(1)
     seed, data = run.seed, data_folder()

@@ -33,7 +33,7 @@ from rig.frames.clips import (
 )
 from rig.frames.series import FrameSeries, TimedFrame, make_background, read_frames
 from rig.frames.times import FrameTime
-from rig.report.curves import AXIS_DEG, unwrapped
+from rig.results.scores import AXIS_DEG, unwrapped
 from rig.tactile.angles import Angles
 
 GROUPS, CONTACTS = "groups.csv", "contacts.csv"
@@ -44,8 +44,6 @@ _NEEDED = ("reference_frame", "keyframe", "angle_deg", "sigma_deg")
 
 
 class ClipVersion(StrEnum):
-    """A version of a labelled clip."""
-
     PLAIN = "plain"
     MIRROR = "mirror"
     FLIP = "flip"
@@ -72,8 +70,6 @@ class ContactSpan:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LabelledClip:
-    """A clip and its ground truth."""
-
     name: str
     group: str
     series: FrameSeries

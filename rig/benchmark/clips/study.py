@@ -121,7 +121,6 @@ class JudgedLabel:
     the estimator has no sigma. held_deg: the last angle up to this frame, 0 before the first.
     """
 
-    clip: str
     label: ClipLabel
     angle_deg: float | None
     sigma_deg: float | None
@@ -225,6 +224,7 @@ def score(
     turned = [label for label in labels if abs(label.label.angle_deg) >= TURNED_DEG]
     sigmas = [label.sigma_deg for label in labels if label.sigma_deg is not None]
     off = [value for label in labels if (value := label.sigmas_off) is not None]
+    empty, held = ([reported for touches, reported in contacts if touches is of] for of in (False, True))
     return ClipScore(
         labels=len(labels),
         answered=share_of([label.angle_deg is not None for label in labels]),
@@ -240,19 +240,13 @@ def score(
         false_rest=share_of(label.false_rest for label in turned) if has_sigma else None,
         median_sigma_deg=float(np.median(sigmas)) if sigmas else None,
         frame_ms=frame_ms(contact_ms),
-        empty_as_contact=_fraction([reported for held, reported in contacts if not held]),
-        held_as_contact=_fraction([reported for held, reported in contacts if held]),
+        empty_as_contact=sum(empty) / len(empty) if empty else None,
+        held_as_contact=sum(held) / len(held) if held else None,
     )
-
-
-def _fraction(values: Sequence[bool]) -> float | None:
-    return sum(values) / len(values) if values else None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ClipRun:
-    """One estimator on one clip."""
-
     clip: LabelledClip
     estimate: Estimate  # angles relative to the clip's reference
     labels: tuple[JudgedLabel, ...]  # labels with the angles at their frames
@@ -262,7 +256,6 @@ class ClipRun:
 
     @property
     def score(self) -> ClipScore:
-        """Figures of this clip."""
         return score(self.labels, self.contact_ms, self.has_sigma, self.contacts)
 
 
@@ -279,7 +272,6 @@ class EstimatorRuns:
 
     @property
     def faults(self) -> EstimatorFaults | None:
-        """Faults of a foreign estimator; None without faults."""
         return faults_of(sample for run in self.runs for sample in run.estimate.samples)
 
 
@@ -291,7 +283,7 @@ def run_clip(clip: LabelledClip, choice: EstimatorChoice) -> ClipRun:
         before = reversed(samples[clip.reference_frame : label.frame + 1])
         held = next((sample.angle_deg for sample in before if sample.angle_deg is not None), 0.0)
         at = samples[label.frame]
-        judged.append(JudgedLabel(clip.name, label, at.angle_deg, at.sigma_deg, held))
+        judged.append(JudgedLabel(label, at.angle_deg, at.sigma_deg, held))
     contacts = tuple(
         (span.contact, sample.state is not State.NO_CONTACT)
         for span in clip.contacts
@@ -341,15 +333,10 @@ def measure(options: ClipsOptions, run: Run) -> Report:
 
     Examples:
       rig benchmark clips clips/ --out clips_page
-
       rig benchmark clips octopi/ --set octopi --estimator slip
-
       rig benchmark clips TactileTracking/ --estimator slip --out tracking_page
-
       rig benchmark clips clips/ --estimator slip --groups groups.csv --group indoors --json
-
       rig benchmark clips clips/ --estimator slip --augment mirror,flip,reverse
-
     """
     cv2.setNumThreads(1)
     choices = [choose_estimator(name) for name in options.estimator or ESTIMATORS]
@@ -385,7 +372,13 @@ def measure(options: ClipsOptions, run: Run) -> Report:
     limits_of = f"'{first.name}', {options.group or 'all clips'}"
     by_version = [overall_table(estimators, versions)] if len(versions) > 1 else []
     shown = [*([limit_table(limits, limits_of)] if limits else []), *by_version, overall, by_clip]
-    section = _section(first, by_version[0] if by_version else overall, limits)
+    machine_of, labels = machine(), counted(first.groups[ALL].labels, "label")
+    head = (
+        f"{counted(len(first.runs), 'clip')}, {labels}, {machine_of['processor']}, "
+        f"{machine_of['cores']} cores, one thread. Errors in degrees."
+    )
+    table = by_version[0] if by_version else overall
+    section = "\n".join([head, "", table.markdown(), "", verdict(limits)]).rstrip()
     return Report(
         tables=(by_clip, overall, *by_version),
         limits=limits,
@@ -453,15 +446,6 @@ def readme_row(of: PublicSet, runs: EstimatorRuns) -> str:
     whole = f"within 3 degrees: {runs.groups[ALL].within_3} of {runs.groups[ALL].labels} labels"
     clips = counted(len({run.clip.name for run in runs.runs}), "clip")
     return f"| {of.data} | {'; '.join([f'{whole} on {clips}', *groups])} |"
-
-
-def _section(first: EstimatorRuns, table: Table, limits: Sequence[Measured]) -> str:
-    labels, of = first.groups[ALL].labels, machine()
-    head = (
-        f"{counted(len(first.runs), 'clip')}, {counted(labels, 'label')}, {of['processor']}, "
-        f"{of['cores']} cores, one thread. Errors in degrees."
-    )
-    return "\n".join([head, "", table.markdown(), "", verdict(limits)]).rstrip()
 
 
 def _estimator_json(of: EstimatorRuns) -> dict[str, Any]:

@@ -113,8 +113,6 @@ class ScriptPass(TactileEstimator):
 
 
 class _Replayed(TactileEstimator):
-    """Returns stored samples in order."""
-
     def __init__(self, samples: Sequence[SlipSample]) -> None:
         self._samples = iter(samples)
 
@@ -170,9 +168,7 @@ def open_lift(recording: Path, name: str) -> KnownLift:
 
 @dataclass(frozen=True, slots=True)
 class LiftScores:
-    """One lift: a score per estimator and window."""
-
-    scores: dict[tuple[str, int], SeriesScore]
+    scores: dict[tuple[str, int], SeriesScore]  # by estimator and window
     frames: int  # number of frames of the default estimator
     skipped: dict[str, int] = field(default_factory=dict)  # how often each stage was skipped in these frames
     faults: dict[str, EstimatorFaults] = field(default_factory=dict)  # of foreign estimators, by name
@@ -209,8 +205,6 @@ class Spread:
 
 @dataclass(frozen=True, slots=True)
 class Timing:
-    """Run time of one estimator."""
-
     contact: Spread  # from frame to angle, on frames with contact
     stages: dict[str, Spread]  # of each stage on these frames
     frames: int  # number of all frames
@@ -219,8 +213,6 @@ class Timing:
 
 @dataclass(frozen=True, slots=True)
 class TimingReport:
-    """Everything timed in one pass."""
-
     size_px: tuple[int, int]  # width and height of the frames
     contenders: dict[str, Timing]
     published: Spread  # the published second stage, stretched mask to angle

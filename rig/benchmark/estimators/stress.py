@@ -238,8 +238,6 @@ StressedClip = tuple[str, str, SeriesScore]  # condition, estimator, and the sco
 
 @dataclass(frozen=True, slots=True)
 class StressRow:
-    """Score of one estimator on all clips under one condition."""
-
     group: str
     condition: str
     estimator: str

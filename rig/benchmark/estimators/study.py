@@ -38,8 +38,6 @@ PAPER_BEST = ("skeleton", 2)
 
 @dataclass(frozen=True, slots=True)
 class EstimatorsOptions:
-    """Options of `rig benchmark estimators`."""
-
     session: Path | None = option(None, "Trial whose lifts are used. Default: record 45 simulated lifts.")
     estimator: list[str] | None = option(
         None, "Additional estimator to compare, as package.module:Class; repeat for more."
@@ -48,8 +46,6 @@ class EstimatorsOptions:
 
 @dataclass(frozen=True, slots=True)
 class EstimatorsResult:
-    """All measurements."""
-
     session: Path  # folder of the lifts
     simulated: bool
     seed: int
@@ -67,7 +63,7 @@ class EstimatorsResult:
             for key, score in self.scores.items()
             if key[0] in PAPER and key[1] >= 2 and score.mare
         }
-        return min(known, key=lambda key: known[key]) if known else None
+        return min(known, key=known.__getitem__, default=None)
 
     @property
     def usual(self) -> list[tuple[str, int]]:
@@ -94,13 +90,9 @@ def measure(options: EstimatorsOptions, run: Run) -> Report:
 
     Examples:
       rig benchmark
-
       rig benchmark estimators --session sessions/2026-11-21T093000_trial --out benchmark
-
       rig benchmark estimators --readme docs/measurements.md
-
       rig benchmark estimators --estimator my_lab.rotation:MyEstimator --out benchmark
-
     """
     return report_of(compare(options, run))
 

@@ -136,8 +136,6 @@ def contact_ms(
 
 @dataclass(frozen=True, slots=True)
 class SlipOptions:
-    """Options of `rig benchmark slip`."""
-
     clips: Path | None = option(None, "Labelled clips at the rate of a sensor in use: the set octopi.")
     turns: list[Path] | None = option(None, "Further labelled clips; repeat for more.")
     groups: Path = option(
@@ -171,11 +169,8 @@ def measure(options: SlipOptions, run: Run) -> Report:
 
     Examples:
       rig benchmark slip --clips clips --turns digit --turns dots
-
       rig benchmark slip --clips clips --against ../before --lifts 0 --drawn 0
-
       rig benchmark slip --clips clips --turns digit --limits --readme docs/measurements.md
-
     """
     names = options.estimator or ["slip"]
     choice, *_ = [choose_estimator(name) for name in names]

@@ -68,14 +68,6 @@ LASTS_S = dict(zip(Stage, (1.4, 3.2, 1.3, 1.1, 0.35, 0.6), strict=True))
 """Shortest duration of each stage, approximately."""
 
 
-@dataclass(frozen=True, slots=True)
-class Moment:
-    """A time after the beginning of a stage, s."""
-
-    stage: Stage
-    after_s: float
-
-
 class After(StrEnum):
     """Motions that are allowed after the arm has come to a standstill.
 
@@ -112,14 +104,15 @@ def fault(
 
 @dataclass(frozen=True, slots=True)
 class PlannedRun:
-    """One run: its number, its event, and the moment of the event."""
+    """One run: its number, its event, and the time of the event after the beginning of a stage."""
 
     number: int
     event: Event
-    moment: Moment
+    stage: Stage
+    after_s: float
 
     def __str__(self) -> str:
-        return f"run {self.number}, {self.event.name}, {self.moment.stage}"
+        return f"run {self.number}, {self.event.name}, {self.stage}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -181,15 +174,17 @@ def next_stage(stage: Stage | None, world: Mapping[str, Any], grasp_m: float) ->
     return order[order.index(stage) + 1] if ends.get(stage) else stage
 
 
-def wait_for(moment: Moment, grasp_m: float, call: Call, over: Callable[[], bool]) -> Stage | None:
-    """Wait for a moment of the next lift; return the stage at that time, None if the lift was over before."""
+def wait_for(
+    wanted: Stage, after_s: float, grasp_m: float, call: Call, over: Callable[[], bool]
+) -> Stage | None:
+    """Wait until a stage of the next lift has lasted for a time; return the stage then, None if it ended."""
     stage, began_ns = None, 0
     while not over():
         world = call("world")
         stage = next_stage(stage, world, grasp_m)
-        if stage is moment.stage and not began_ns:
+        if stage is wanted and not began_ns:
             began_ns = world["now_ns"]
-        if began_ns and world["now_ns"] - began_ns >= to_ns(moment.after_s):
+        if began_ns and world["now_ns"] - began_ns >= to_ns(after_s):
             return stage
         time.sleep(POLL_S)
     return None

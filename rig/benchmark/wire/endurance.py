@@ -186,8 +186,6 @@ WANDER_DEG, GROWN_MB, ANSWERED = 0.3, 10.0, 0.95
 
 @dataclass(frozen=True, slots=True)
 class EnduranceOptions:
-    """Options of `rig benchmark endurance`."""
-
     hours: float = option(1.0, "Duration, in real time.", min=0.01, max=100)
 
 
@@ -201,9 +199,7 @@ def measure(options: EnduranceOptions, run: Run) -> Report:
 
     Examples:
       rig benchmark endurance
-
       rig benchmark endurance --hours 0.05 --json
-
     """
     bench, total = load_bench("wire"), max(1, round(60.0 * options.hours))
     minutes = measure_endurance(total, lambda number, of: run.progress(number, total, str(of)), bench)

@@ -20,7 +20,7 @@ from protocols.operator import Operator
 from rig.benchmark.harness import Cell, Report, Run, Study, table_of
 from rig.benchmark.measured import at_most
 from rig.benchmark.wire import campaign
-from rig.benchmark.wire.campaign import Event, Moment, Stage, WireBench, fault, standstill, strike
+from rig.benchmark.wire.campaign import Event, Stage, WireBench, fault, standstill, strike
 from rig.config import BenchConfig, load_bench
 from rig.declared import option
 from rig.experiments.lift_plan import TrialSettings
@@ -31,15 +31,14 @@ from rig.tactile.estimators import choose_estimator
 
 SAFE_WITHIN_S = 1.0
 LEAST_ATTEMPTS = 2  # number of attempts at the next lift after its case is mended, before it is given up
-MID_LIFT = Moment(Stage.LIFT, 0.4)
+MID_LIFT_S = 0.4  # of the fault, after the beginning of the lift's rise
 LATE = (Stage.HOLD, Stage.LOWER, Stage.RELEASE)
 """Stages in which a lift may be over before a failed device is missed."""
 
 
 def _reconnect(name: str, kind: str) -> Event:
     """Return a fault of the arm that only shows when its sockets are opened again."""
-    faults = (("arm", kind, {}), ("arm", "socket_dropped", {}))
-    return Event(name, faults=faults, named="arm", mended_after=2)
+    return Event(name, faults=(("arm", kind, {}), ("arm", "socket_dropped", {})), named="arm", mended_after=2)
 
 
 CASES = (
@@ -120,7 +119,7 @@ class FaultyLift:
         seen_s, safe_s = seconds(self.injected_ns, self.detected_ns), seconds(self.detected_ns, self.still_ns)
         return [
             Cell("number", self.number, None),
-            Cell("stage", self.stage or MID_LIFT.stage, None),
+            Cell("stage", self.stage or Stage.LIFT, None),
             Cell("dropped", self.dropped, None),
             Cell("fault", self.case.name, "fault in mid-lift"),
             Cell("seen_s", seen_s, "detected, s", show, "from the fault to the rig's stop"),
@@ -216,7 +215,13 @@ class _FaultyBench(WireBench):
                 return
             over = threading.Event()
             timed = _TimedArm(bench.arm, lambda: faulty.note_stop(over, bench.clock.now_ns()))
-            injector = threading.Thread(target=self._inject, args=(faulty, over), daemon=True)
+
+            def inject() -> None:
+                stage = campaign.wait_for(Stage.LIFT, MID_LIFT_S, self.grasp_m, self.call, over.is_set)
+                if stage is not None:
+                    faulty.stage, faulty.injected_ns = stage, strike(faulty.case, self.call)
+
+            injector = threading.Thread(target=inject, daemon=True)
             injector.start()
             try:
                 yield replace(bench, arm=cast("Arm", timed)), operator
@@ -228,15 +233,8 @@ class _FaultyBench(WireBench):
                     faulty.still_ns = standstill(track, faulty.detected_ns or faulty.injected_ns).time_ns
                     faulty.dropped = faulty.dropped or campaign.dropped(track, self.grasp_m)
 
-    def _inject(self, lift: FaultyLift, over: threading.Event) -> None:
-        stage = campaign.wait_for(MID_LIFT, self.grasp_m, self.call, over.is_set)
-        if stage is not None:
-            lift.stage, lift.injected_ns = stage, strike(lift.case, self.call)
-
 
 class _TimedArm:
-    """An arm that reports its stop commands."""
-
     def __init__(self, arm: Arm, stopped: Callable[[], None]) -> None:
         self._arm, self._stopped = arm, stopped
 
@@ -250,8 +248,6 @@ class _TimedArm:
 
 @dataclass(frozen=True, slots=True)
 class FaultsOptions:
-    """Options of `rig benchmark faults`."""
-
     cases: list[str] | None = option(None, "Only cases whose name contains this; repeat for more.", "--case")
     bench: str = option("wire", "wire, or the path of a bench file whose \\[fakes] are started for it.")
 
@@ -265,11 +261,8 @@ def measure(options: FaultsOptions, run: Run) -> Report:
 
     Examples:
       rig benchmark faults
-
       rig benchmark faults --case arm --case "gripper: silent" --json
-
       rig benchmark faults --bench slow.toml
-
     """
     bench = load_bench(options.bench)
     if bench.fakes is None or bench.fakes.control is not None:

@@ -27,9 +27,8 @@ from rig.experiments.lift_plan import LiftTask, TrialSettings
 from rig.experiments.trial import run_trial
 from rig.sessions.files import TIMING
 from rig.sessions.reading import recorded_frames
-from rig.sessions.records import Lift, finished
+from rig.sessions.records import LIFT_TIMINGS, Lift, finished
 from rig.sessions.rows import read_finished_lifts, read_rows
-from rig.sessions.timing import LIFT_TIMINGS
 from rig.tactile.estimators import choose_estimator
 from rig.terminal.screen import begin_phase
 
@@ -41,8 +40,6 @@ SPREADS = 2.0  # largest difference of the error from its mean over the seeds, i
 
 @dataclass(frozen=True, slots=True)
 class WireOptions:
-    """Options of `rig benchmark wire`."""
-
     object_name: str = option("wrench", "Object id or name.", "--object")
     seeds: int = option(20, "Lifts in this process whose spread is printed.", min=20, max=100)
 
@@ -61,8 +58,6 @@ class StreamRow:
 
 @dataclass(frozen=True, slots=True)
 class WireLift:
-    """A lift over the wire protocols."""
-
     streams: tuple[StreamRow, ...]
     state_hz: float  # rate at which the arm's driver received states
     controller_core: float  # share of a core that the simulated controller used
@@ -90,9 +85,7 @@ def measure(options: WireOptions, run: Run) -> Report:
 
     Examples:
       rig benchmark wire
-
       rig benchmark wire --object spam --json
-
     """
     object_id = find_grasp_file(options.object_name).id
     lift = measure_wire(run.results_folder, object_id, options.seeds)

@@ -22,7 +22,7 @@ from protocols.readiness import make_ready
 from rig.benchmark.harness import Report, Run, Study, Table
 from rig.benchmark.measured import NONE, Measured, at_most, informative
 from rig.benchmark.wire import campaign
-from rig.benchmark.wire.campaign import LASTS_S, After, Event, Moment, PlannedRun, Stage, WireBench, fault
+from rig.benchmark.wire.campaign import LASTS_S, After, Event, PlannedRun, Stage, WireBench, fault
 from rig.config import BenchConfig
 from rig.config.write import write_bench
 from rig.declared import option
@@ -74,7 +74,7 @@ def plan_runs(seed: int, full: bool) -> list[PlannedRun]:
         cells = list(zip(EVENTS, stages, strict=True))
     rng.shuffle(cells)
     return [
-        PlannedRun(number, event, Moment(stage, rng.uniform(0.0, LASTS_S[stage])))
+        PlannedRun(number, event, stage, rng.uniform(0.0, LASTS_S[stage]))
         for number, (event, stage) in enumerate(cells, start=1)
     ]
 
@@ -182,7 +182,8 @@ class _Place:
         shutil.copytree(self._one, self._session)
         event, call = planned.event, self._call
         with self._trial(self._session) as program:
-            stage = campaign.wait_for(planned.moment, self._grasp_m, call, lambda: program.poll() is not None)
+            moment = planned.stage, planned.after_s, self._grasp_m
+            stage = campaign.wait_for(*moment, call, lambda: program.poll() is not None)
             if stage is None:
                 raise DeviceError(
                     f"safety: {planned} ended too early: {campaign.wait_for_end(program, END_S)}"
@@ -241,8 +242,6 @@ class _Place:
 
 @dataclass(frozen=True, slots=True)
 class SafetyOptions:
-    """Options of `rig benchmark safety`."""
-
     full: bool = option(False, "Each event once in every stage: 102 runs, about 30 minutes.")
 
 
@@ -258,11 +257,8 @@ def measure(options: SafetyOptions, run: Run) -> Report:
 
     Examples:
       rig benchmark safety
-
       rig benchmark safety --full --out safety --json
-
       rig benchmark safety --full --out safety --resume --readme docs/measurements.md
-
     """
     runs = run_safety(run, plan_runs(run.seed, options.full))
     table, limits = safety_table(runs), judge_runs(runs)

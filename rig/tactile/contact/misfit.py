@@ -10,6 +10,7 @@ from collections import deque
 
 import cv2
 import numpy as np
+from cv2.typing import MatLike
 from numpy.typing import NDArray
 
 from drivers.types import Image
@@ -24,10 +25,10 @@ MOST_OFF = 0.06
 by more in both places do not count at all."""
 SOFT_PX = 0.8
 """Standard deviation of the blur of both pictures, in pixels of the reduced copy, against noise."""
-EXPLAINED = 0.08
-"""Mean log ratio of the difference without and with the shift, from which on the background is shifted. With
-their own backgrounds, rotation_clips and real_turns have at most 0.03, and 18 SIMULATED lifts 0.001. Shifted
-by 8 px in four directions, 107 of these 124 have more."""
+EXPLAINED, LEAST_PX = 0.08, 1.5
+"""Mean log ratio of the difference without and with the shift, and size of the shift in pixels of the frames,
+from which on the background is shifted. With their own backgrounds, rotation_clips and real_turns have a
+ratio of at most 0.045, and 18 SIMULATED lifts 0.006. Smaller shifts hardly change an angle."""
 CHECKED, FEWEST = 20, 3
 """Number of newest frames whose mean counts, and fewest frames."""
 FLAT, LIVELY = 3, 12
@@ -69,7 +70,8 @@ class Misfit:
         x, y, explained = np.array(self._shifts).T
         # Not taken back later, because a contact that covers the gel hides most of what a shift explains.
         if len(explained) >= FEWEST and explained.mean() >= EXPLAINED:
-            self._shifted_px = float(np.hypot(*np.average([x, y], axis=1, weights=explained)))
+            size_px = float(np.hypot(*np.average([x, y], axis=1, weights=explained)))
+            self._shifted_px = size_px if size_px >= LEAST_PX else self._shifted_px
 
     def _dead_lines(self) -> tuple[int, int]:
         """Return the number of rows and of columns that were dead in all of the newest frames."""
@@ -86,19 +88,23 @@ class Misfit:
         core = frame[REACH:-REACH, REACH:-REACH]
         most = np.full(core.shape, MOST_OFF * PER_LOG, np.uint16)
 
-        def off(y: int, x: int, to: NDArray[np.uint16]) -> NDArray[np.uint16]:
-            cv2.absdiff(core, self._reduced[y : y + height, x : x + width], dst=to)
+        def off(background: MatLike, to: NDArray[np.uint16]) -> MatLike:
+            cv2.absdiff(core, background, dst=to)
             return cv2.min(to, most, dst=to)
 
         moved, fixed = np.empty_like(core), np.empty_like(core)
         costs = np.empty((2 * REACH + 1, 2 * REACH + 1))
         for y, x in np.ndindex(costs.shape):
-            costs[y, x] = cv2.norm(off(y, x, moved), cv2.NORM_L1)
+            costs[y, x] = cv2.norm(off(self._reduced[y : y + height, x : x + width], moved), cv2.NORM_L1)
         y, x = (int(place) for place in np.unravel_index(int(costs.argmin()), costs.shape))
-        contact = np.all((off(REACH, REACH, fixed) == most) & (off(y, x, moved) == most), axis=2)
+        right, down = _valley(costs[y], x), _valley(costs[:, x], y)
+        way = np.array([[1.0, 0.0, REACH + right], [0.0, 1.0, REACH + down]])
+        flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+        off(cv2.warpAffine(self._reduced, way, (width, height), flags=flags), moved)
+        off(self._reduced[REACH:-REACH, REACH:-REACH], fixed)
+        contact = np.all((fixed == most) & (moved == most), axis=2)
         seen = np.repeat((~contact).astype(np.uint8)[..., None], 3, axis=2)
         before, after = (1.0 + cv2.norm(one, cv2.NORM_L1, seen) for one in (fixed, moved))
-        right, down = _valley(costs[y], x), _valley(costs[:, x], y)
         return right * self._px[0], down * self._px[1], math.log(before / after)
 
     def _logarithm(self, image: Image) -> NDArray[np.uint16]:

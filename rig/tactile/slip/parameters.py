@@ -127,7 +127,7 @@ class Sigma:
 
 @dataclass(slots=True)
 class Fusion:
-    """Fusion of two fingertips, see `rig.lift.fusion`.
+    """Fusion of two fingertips, see `rig.lift.object_angle`.
 
     sticks, anything: probability that a fingertip follows the resting gel, and that it is anything.
     correlation: of the errors of both.

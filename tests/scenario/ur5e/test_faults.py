@@ -18,7 +18,7 @@ from drivers.ur5e.link import ArmLink
 from drivers.ur5e.status import PLAYING
 from fakes.wire.ur.controller import URController
 from support.marks import long
-from support.ur5e import agree, first_error, make_arm, stands
+from support.ur5e import agree, first_error, make_arm, refuse, stands
 from support.waiting import until
 from support.worlds import HOME
 
@@ -31,9 +31,6 @@ def test_protective_stop_is_released_on_request_only(controller: URController, a
     error = first_error(motion.done)
     assert isinstance(error, ProtectiveStopError)
     assert arm.state().mode is ArmMode.PROTECTIVE_STOP
-
-    def refuse(question: str) -> None:
-        raise OperatorStopError("no")
 
     with pytest.raises(OperatorStopError):
         arm.recover(refuse)

@@ -2,7 +2,6 @@
 
 import signal
 import subprocess
-import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -17,7 +16,7 @@ from drivers.ur5e.status import from_ur, to_ur
 from fakes.wire.ur.controller import URController
 from support.marks import long
 from support.slow_motion import CLOCK, SLOWNESS, pause
-from support.ur5e import make_arm, stands
+from support.ur5e import make_arm, running, stands
 from support.waiting import LIMIT_S, until
 from support.worlds import HOME
 
@@ -35,17 +34,17 @@ from rig.cli.common import stop_on_signals
 from contextlib import nullcontext
 from types import SimpleNamespace
 stop_on_signals()
-clock = SystemClock(int(sys.argv[4]))
+clock = SystemClock(int(sys.argv[2]))
 arm = UR5e(sys.argv[1], LIMITS, Pose((0, 0, 0.28)), 2.5, (0, 0, 0.08), clock=clock)
 arm.connect()
 def there():
-    if sys.argv[2] == "hangs":
+    if sys.argv[3] == "hangs":
         time.sleep(300)
     return False
 operator = SimpleNamespace(guide=lambda question, where: nullcontext(there))
 print("begins", flush=True)
 try:
-    lead_by_hand(SimpleNamespace(arm=arm, clock=clock), operator, "", None, float(sys.argv[3]))
+    lead_by_hand(SimpleNamespace(arm=arm, clock=clock), operator, "", None, float(sys.argv[4]))
 except Exception as error:
     print(error, flush=True)
     print(arm.state().mode, flush=True)
@@ -58,14 +57,10 @@ def guided(
     controller: URController, how: str = "looks", limit_s: float = 30.0
 ) -> Iterator["subprocess.Popen[str]"]:
     """A program that lets the arm be led, and a hand that pushes for a long time."""
-    command = [sys.executable, "-c", GUIDED, controller.host, how, str(limit_s), str(SLOWNESS)]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as rig:
-        try:
-            until(lambda: controller.snapshot()["freedrive"])
-            controller.guide(ASIDE, 6.0)
-            yield rig
-        finally:
-            rig.kill()
+    with running(GUIDED, controller, how, limit_s) as rig:
+        until(lambda: controller.snapshot()["freedrive"])
+        controller.guide(ASIDE, 6.0)
+        yield rig
 
 
 def place(controller: URController) -> np.ndarray:
@@ -127,15 +122,11 @@ def test_guiding_ends_at_its_time_limit(controller: URController) -> None:
         assert stands(controller)
 
 
-def test_guiding_ends_if_its_program_hangs(controller: URController) -> None:
-    with guided(controller, "hangs"):
-        until(lambda: not controller.snapshot()["freedrive"], 3.0 * SLOWNESS)
-        assert stands(controller)
-
-
-def test_guiding_ends_if_its_program_is_killed(controller: URController) -> None:
-    with guided(controller) as rig:
-        rig.kill()
+@pytest.mark.parametrize("how", ["hangs", "is killed"])
+def test_guiding_ends_if_its_program_hangs_or_is_killed(controller: URController, how: str) -> None:
+    with guided(controller, how) as rig:
+        if how == "is killed":
+            rig.kill()
         until(lambda: not controller.snapshot()["freedrive"], 3.0 * SLOWNESS)
         assert stands(controller)
 

@@ -10,13 +10,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from drivers.bench import Hand
 from drivers.clock import to_ns
-from drivers.errors import (
-    ContactForceError,
-    DeviceError,
-    OperatorStopError,
-    OutOfLimitsError,
-)
+from drivers.errors import ContactForceError, DeviceError, OperatorStopError, OutOfLimitsError
 from drivers.types import HandState, Holding, Pose
 from drivers.ur5e.arm import UR5e
 from fakes.wire.ur.controller import URController
@@ -24,8 +20,8 @@ from fakes.world.kinematics import TOOL_LENGTH_M, from_ur
 from protocols.steps import move
 from support.benches import NOISE_M
 from support.marks import long
-from support.slow_motion import CLOCK, SLOWNESS
-from support.ur5e import agree, make_arm, stands
+from support.slow_motion import CLOCK, SLOWNESS, pause
+from support.ur5e import agree, make_arm, refuse, stands
 from support.waiting import until
 from support.worlds import HOME
 
@@ -45,26 +41,29 @@ def test_motion_works_on_all_supported_controller_versions(started: Start, versi
     assert arm.identity()["firmware"].startswith(version)
 
 
-def test_connecting_moves_nothing_and_sets_up_the_tool(controller: URController, arm: UR5e) -> None:
+def test_connecting_moves_nothing_and_sets_up_tool_and_times(controller: URController, arm: UR5e) -> None:
     assert arm.state().base_T_tcp.position_m == pytest.approx(HOME.position_m, abs=NOISE_M)
     assert controller.robot.body.tool[2] == pytest.approx(TOOL_LENGTH_M)
     assert set(controller.snapshot()["commands"]) <= {"17", "29", "35", "40"}
+    assert arm.identity()["serial"].isdecimal()
+    dates = [arm.state().time_ns for _ in range(2000)]
+    assert dates == sorted(dates)
+    assert 0 <= CLOCK.now_ns() - arm.state().time_ns < to_ns(0.2), "on the rig's clock"
+    assert arm.counters()["samples"] > 0
+    assert arm.clock_offset_s() < 0.0
 
 
-def test_idle_program_on_the_controller_is_replaced(controller: URController) -> None:
+def test_program_on_the_controller_is_replaced_unless_it_moves_the_arm(controller: URController) -> None:
+    arm = make_arm(controller.host)
     with socket.create_connection((controller.host, 30003)) as scripts:
         scripts.sendall(b"def wait():\n  sleep(60)\nend\n")
         until(lambda: controller.snapshot()["program_running"])
-    arm = make_arm(controller.host)
     arm.connect()
     arm.move_linear(HOME.translated(z_m=-0.01), 0.25, 1.0).wait(5.0)
-
-
-def test_program_that_moves_the_arm_is_not_disturbed(controller: URController) -> None:
+    arm.disconnect()
     with socket.create_connection((controller.host, 30003)) as scripts:
         scripts.sendall(b"def sweep():\n  movel(p[0.45, 0, 0.1, 3.1415926, 0, 0], a=1, v=0.02)\nend\n")
-        until(lambda: controller.snapshot()["tcp_m"][2] < 0.299)
-        arm = make_arm(controller.host)
+        until(lambda: controller.snapshot()["tcp_m"][2] < 0.289)
         with pytest.raises(DeviceError, match="a program moves it"):
             arm.connect()
     assert controller.snapshot()["program_running"]
@@ -92,67 +91,43 @@ def test_stop_from_another_thread_ends_the_motion(controller: URController, arm:
     arm.move_linear(HOME, 0.25, 1.0).wait(5.0)
 
 
-def test_stop_during_the_preparation_prevents_the_motion(
+def test_stop_during_the_preparation_prevents_a_motion_and_disconnecting_stops_one(
     controller: URController, arm: UR5e, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def stop_meanwhile(*_: object) -> None:
-        arm.stop()
-
-    monkeypatch.setattr("drivers.ur5e.arm.check_joints", stop_meanwhile)
+    monkeypatch.setattr("drivers.ur5e.arm.check_joints", lambda *_: arm.stop())
     with pytest.raises(DeviceError, match="not sent"):
         arm.move_linear(HOME.translated(z_m=-0.1), 0.1, 1.0)
     assert "3" not in controller.snapshot()["commands"]
-
-
-def test_disconnecting_stops_a_motion(controller: URController, arm: UR5e) -> None:
+    monkeypatch.undo()
     arm.move_linear(HOME.translated(z_m=-0.2), 0.1, 1.0)
     arm.disconnect()
     assert stands(controller)
     assert not controller.snapshot()["program_running"]
 
 
-def test_unreachable_pose_is_rejected_and_the_program_continues(controller: URController, arm: UR5e) -> None:
-    sideways = Pose((0.7, 0.35, 0.02), (0.7, 0.0, 0.0, 0.7))
-    with pytest.raises(OutOfLimitsError, match="reach"):
-        arm.move_linear(sideways, 0.1, 1.0)
-    assert "3" not in controller.snapshot()["commands"], "no motion was sent"
-    arm.move_linear(HOME.translated(z_m=-0.01), 0.25, 1.0).wait(5.0)
-
-
-def test_motion_beyond_the_joint_limits_is_rejected(controller: URController) -> None:
-    narrow = (0.1, 0.1, 0.1, 0.1, 0.1, 0.1)
-    limits = ((-0.1, -0.1, -0.1, -0.1, -0.1, -0.1), narrow)
-    arm = make_arm(controller.host, joint_limits_rad=limits)
-    arm.connect()
-    with pytest.raises(OutOfLimitsError, match="joint 1"):
-        arm.move_linear(HOME.translated(z_m=-0.01), 0.1, 1.0)
-
-
-def at_rest(arm: UR5e) -> bool:
-    """Zero the force sensor if the arm has rested for long enough; return whether it had."""
-    try:
-        arm.zero_force_sensor()
-    except DeviceError as error:
-        if "not at rest" not in str(error):
-            raise
-        return False
-    return True
+def test_motion_out_of_reach_or_joint_limits_is_rejected_and_the_program_continues(
+    controller: URController,
+) -> None:
+    low, sideways = HOME.translated(z_m=-0.01), Pose((0.7, 0.35, 0.02), (0.7, 0.0, 0.0, 0.7))
+    narrow: Any = ((-0.1,) * 6, (0.1,) * 6)
+    for limits, pose, said in ((narrow, low, "joint 1"), (None, sideways, "reach")):
+        arm = make_arm(controller.host, joint_limits_rad=limits)
+        arm.connect()
+        with pytest.raises(OutOfLimitsError, match=said):
+            arm.move_linear(pose, 0.1, 1.0)
+        assert "3" not in controller.snapshot()["commands"], "no motion was sent"
+        if limits is None:
+            arm.move_linear(low, 0.25, 1.0).wait(5.0)
+        arm.disconnect()
 
 
 def test_the_force_sensor_is_zeroed_at_rest_only(controller: URController, arm: UR5e) -> None:
     arm.move_linear(HOME.translated(z_m=-0.02), 0.25, 1.0).wait(5.0)
     with pytest.raises(DeviceError, match="not at rest"):
         arm.zero_force_sensor()
-    until(lambda: at_rest(arm))
+    pause(0.7)
+    arm.zero_force_sensor()
     assert np.linalg.norm(arm.state().wrench[:3]) < 0.6
-
-
-def test_samples_have_times_of_the_rigs_clock(arm: UR5e) -> None:
-    dates = [arm.state().time_ns for _ in range(2000)]
-    assert dates == sorted(dates)
-    assert 0 <= CLOCK.now_ns() - arm.state().time_ns < to_ns(0.2)
-    assert arm.counters()["samples"] > 0
-    assert arm.clock_offset_s() < 0.0
 
 
 def test_different_tool_on_the_controller_is_overwritten_only_after_a_question(
@@ -164,9 +139,6 @@ def test_different_tool_on_the_controller_is_overwritten_only_after_a_question(
     assert controller.robot.bank.get("payload") == installed
     with pytest.raises(DeviceError, match=r"2\.500 kg instead of 1\.800 kg"):
         arm.move_linear(HOME.translated(z_m=-0.01), 0.1, 1.0)
-
-    def refuse(question: str) -> None:
-        raise OperatorStopError(question)
 
     with pytest.raises(
         OperatorStopError, match=r"payload 2\.500 kg instead of 1\.800 kg.*should the rig set it"
@@ -207,10 +179,8 @@ def test_descent_is_stopped_at_the_table(controller: URController, arm: UR5e) ->
     table_m = 0.2
     world = controller.robot._world
     world.layout = replace(world.layout, floor_z_m=table_m)
-    nothing = SimpleNamespace(state=HandState(Holding.FREE))
-    bench: Any = SimpleNamespace(
-        arm=arm, clock=CLOCK, hand=nothing, gripper=SimpleNamespace(state=lambda: None)
-    )
+    gripper = SimpleNamespace(state=lambda: None)
+    bench: Any = SimpleNamespace(arm=arm, clock=CLOCK, hand=Hand(HandState(Holding.FREE)), gripper=gripper)
     with pytest.raises(ContactForceError, match="met an obstacle on its way down"):
         move(bench, HOME.translated(z_m=-0.15), 0.25).wait(5.0)
     assert stands(controller)

@@ -2,11 +2,9 @@
 
 import os
 import signal
-import subprocess
 import sys
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -16,7 +14,7 @@ from drivers.types import ArmMode
 from drivers.ur5e.arm import UR5e
 from fakes.wire.ur.controller import URController
 from support.slow_motion import SLOWNESS, pause
-from support.ur5e import agree, first_error, make_arm, stands
+from support.ur5e import agree, first_error, make_arm, running, stands
 from support.waiting import until
 from support.worlds import HOME
 
@@ -42,13 +40,13 @@ from drivers.clock import SystemClock
 from drivers.types import Pose
 from drivers.ur5e.arm import UR5e
 from fakes.devices.arm import LIMITS
-slowness = int(sys.argv[3])
+slowness, how = int(sys.argv[2]), sys.argv[3]
 arm = UR5e(sys.argv[1], LIMITS, Pose((0, 0, 0.28)), 2.5, (0, 0, 0.08), clock=SystemClock(slowness))
 arm.connect()
 motion = arm.move_linear(arm.state().base_T_tcp.translated(z_m=-0.20), 0.25, 1.0)
-if sys.argv[2] == "hangs":
+if how == "hangs":
     time.sleep(300)
-if sys.argv[2] == "busy":
+if how == "busy":
     mine = open(f"/proc/self/task/{os.getpid()}/children").read().split()
     named = "ur5e.processes\\0control"
     commanding = next(pid for pid in mine if named in open(f"/proc/{pid}/cmdline").read())
@@ -59,17 +57,7 @@ except Exception as error:
     print(error, flush=True)
 arm.disconnect()
 """
-
-
-@contextmanager
-def moving(controller: URController, how: str) -> Iterator["subprocess.Popen[str]"]:
-    """A program that moves the arm down at the speed of an approach."""
-    command = [sys.executable, "-c", MOVING, controller.host, how, str(SLOWNESS)]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as program:
-        try:
-            yield program
-        finally:
-            program.kill()
+"""Moves the arm down at the speed of an approach. Its last argument: "looks", "hangs" or "busy"."""
 
 
 def height_m(controller: URController) -> float:
@@ -120,7 +108,7 @@ def test_crash_of_the_listening_process_is_an_error_until_reconnected(
 
 
 def test_killed_program_leaves_no_process_and_stops_the_arm(controller: URController) -> None:
-    with moving(controller, "hangs") as program:
+    with running(MOVING, controller, "hangs") as program:
         until(lambda: height_m(controller) < HOME.position_m[2] - 0.001)
         children = [process_of(controller, name) for name in ("state", "control")]
         program.kill()
@@ -130,7 +118,7 @@ def test_killed_program_leaves_no_process_and_stops_the_arm(controller: URContro
 
 
 def test_motion_stops_if_its_program_is_suspended(controller: URController) -> None:
-    with moving(controller, "looks") as program:
+    with running(MOVING, controller, "looks") as program:
         until(lambda: height_m(controller) < HOME.position_m[2] - 0.05)
         program.send_signal(signal.SIGSTOP)
         there = height_m(controller)
@@ -144,7 +132,7 @@ def test_motion_stops_if_its_program_is_suspended(controller: URController) -> N
 
 
 def test_motion_stops_if_its_program_hangs(controller: URController) -> None:
-    with moving(controller, "hangs"):
+    with running(MOVING, controller, "hangs"):
         until(lambda: height_m(controller) < HOME.position_m[2] - 0.001)
         pause(0.5)
         assert HOME.position_m[2] - height_m(controller) <= 0.020
@@ -154,7 +142,7 @@ def test_motion_stops_if_its_program_hangs(controller: URController) -> None:
 @pytest.mark.skipif(not hasattr(os, "SCHED_IDLE"), reason="this system has no SCHED_IDLE")
 def test_motion_continues_for_a_moment_without_a_core(controller: URController) -> None:
     # After how long it stops is a test of the heartbeat: how long a program waits is the scheduler's choice.
-    with moving(controller, "busy") as program:
+    with running(MOVING, controller, "busy") as program:
         assert program.stdout.read() == ""
         assert HOME.position_m[2] - height_m(controller) > 0.199
 

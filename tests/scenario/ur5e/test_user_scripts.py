@@ -7,14 +7,13 @@ is in this process. `pause` waits on the controller's slow clock.
 import json
 import logging
 import subprocess
-import sys
 from typing import Any
 
 import pytest
 
 from fakes.wire.ur.controller import URController
 from support.marks import long
-from support.slow_motion import SLOWNESS
+from support.ur5e import running
 from support.waiting import until
 
 pytest.importorskip("rtde_control", reason="ur-rtde is not installed here")
@@ -49,15 +48,10 @@ def reupload():
 """
 
 
-def started(controller: URController, script: str) -> "subprocess.Popen[str]":
-    """Start a script."""
-    command = [sys.executable, "-c", HEAD + script, controller.host, str(SLOWNESS)]
-    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-
-
 def results(controller: URController, script: str) -> dict[str, Any]:
     """Run a script and return its `results`."""
-    with started(controller, script + "\nprint(json.dumps(results))\n") as process:
+    code = f"{HEAD}{script}\nprint(json.dumps(results))\n"
+    with running(code, controller, stderr=subprocess.PIPE) as process:
         output, errors = process.communicate(timeout=300)
     assert process.returncode == 0, errors
     return json.loads(output.splitlines()[-1])
@@ -180,9 +174,9 @@ def test_calls_of_scripts_are_simulated(controller: URController, names: tuple[s
 def test_call_that_is_not_simulated_ends_the_program_and_is_named(
     controller: URController, caplog: pytest.LogCaptureFixture, call: str, name: str
 ) -> None:
-    with caplog.at_level(logging.WARNING), started(controller, call) as script:
+    # it is killed, because some calls wait forever for an answer of their program
+    with caplog.at_level(logging.WARNING), running(HEAD + call, controller, stderr=subprocess.DEVNULL):
         until(lambda: f"program ends: {name}" in caplog.text.replace("'", ""))
-        script.kill()  # some calls wait forever for an answer of their program
     assert "not simulated" in caplog.text
     until(lambda: not controller.snapshot()["program_running"])
 

@@ -1,37 +1,32 @@
 """The gel: reference and drift, scale, detection of balls, and the map from colour to slope."""
 
-import csv
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
 
-import cv2
 import numpy as np
 import pytest
 
-from calibration.gel.balls import (
-    BallFit,
-    BallPress,
-    Press,
-    ball_radius_mm,
-    calibrate_gel,
-    find_press,
-    fit_scale,
-)
+from calibration.gel.balls import BallFit, Press, ball_radius_mm, calibrate_gel, find_press, fit_scale
 from calibration.gel.gradient_map import GradientMap, fit_gradient_map
 from calibration.gel.reference import assess_reference, drift_since, make_reference
 from calibration.verdict import Verdict
 from drivers.errors import CalibrationError
-from support.simulated_gel import MM_PER_PX, SimulatedGel
+from rig.benchmark.calibration.study import gelsight_presses
+from support.simulated_gel import MM_PER_PX, MadePress, SimulatedGel
 
 GEL = SimulatedGel(seed=3)
 
 
 @pytest.fixture(scope="module")
 def fitted() -> BallFit:
-    presses = [BallPress(_found(p.image, p.name), p.radius_mm) for p in GEL.presses(16)]
+    presses = [_found(p) for p in GEL.presses(16)]
     return calibrate_gel(presses, MM_PER_PX)
 
 
-def _found(image: np.ndarray, name: str) -> Press:
-    press = find_press(image, GEL.reference, name)
+def _found(made: MadePress) -> Press:
+    press = find_press(made.image, GEL.reference, made.name, made.radius_mm)
     assert isinstance(press, Press), press
     return press
 
@@ -43,14 +38,14 @@ def test_held_out_balls_are_reconstructed_at_their_radius(fitted) -> None:
     assert all(abs(error) < 0.12 for error in fitted.radius_error().values()), fitted.radius_error()
     assert fitted.null_rms < 0.03
     for made in GEL.presses(3, seed=9):
-        found = ball_radius_mm(_found(made.image, made.name), fitted.map, MM_PER_PX)
+        found = ball_radius_mm(_found(made), fitted.map, MM_PER_PX)
         assert found == pytest.approx(made.radius_mm, rel=0.2)
 
 
 @pytest.mark.slow
 def test_slopes_point_away_from_the_middle_of_a_dent(fitted) -> None:
     made = GEL.presses(1, seed=2)[0]
-    press = _found(made.image, made.name)
+    press = _found(made)
     x, y = (round(v) for v in made.centre_px)
     right, left = np.array([[x + 12.0, y]]), np.array([[x - 12.0, y]])
     slope = [fitted.map.slopes(press.change[[y], [round(p[0, 0])]], p)[0, 0] for p in (right, left)]
@@ -73,13 +68,50 @@ def test_map_is_exact_if_colour_is_linear_in_slope() -> None:
 @pytest.mark.slow
 def test_ball_of_impossible_radius_is_rejected() -> None:
     made = GEL.presses(10, seed=4)
-    presses = [BallPress(_found(p.image, p.name), p.radius_mm) for p in made]
+    presses = [_found(p) for p in made]
     radii = (0.5, float("nan"), float("inf"), 1e308, -1.0, 0.0, 60.0)
-    wrong = [BallPress(presses[0].press, radius_mm) for radius_mm in radii]
+    wrong = [replace(presses[0], radius_mm=radius_mm) for radius_mm in radii]
     rejected = calibrate_gel([*wrong, *presses], MM_PER_PX).rejected
     assert len(rejected) == len(radii)
     assert "wider than a ball" in rejected[0].reason
     assert all("fit a gel" in each.reason for each in rejected[1:])
+
+
+def hot_pixel(frame: np.ndarray) -> np.ndarray:
+    frame[100, 100] = 255
+    return frame
+
+
+def lined(frame: np.ndarray) -> np.ndarray:
+    frame[20:300, 118:124] = np.minimum(frame[20:300, 118:124].astype(int) + 80, 255)
+    return frame
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        (lambda frame: frame, "no contact"),
+        (hot_pixel, "no contact"),
+        (lined, "not round"),
+        (lambda frame: np.minimum(frame.astype(int) + 60, 255).astype(np.uint8), "not round"),
+        (lambda frame: np.full_like(frame, 90), "alike"),
+        (lambda frame: frame[:100], "differ in size"),
+        (lambda frame: frame[..., 0], "RGB is needed"),
+        (lambda frame: frame.astype(np.float32), "RGB is needed"),
+    ],
+    ids=["no contact", "hot pixel", "line", "brighter", "constant", "other size", "grey", "float"],
+)
+def test_picture_without_a_round_press_is_refused(change: Callable[[Any], Any], reason: str) -> None:
+    try:
+        said = str(find_press(change(GEL.frame(np.random.default_rng(1))), GEL.reference, "press", 4.0))
+    except CalibrationError as error:
+        said = str(error)
+    assert reason in said
+
+
+def test_three_presses_are_too_few_for_a_colour_map() -> None:
+    with pytest.raises(CalibrationError, match="8 are the least"):
+        calibrate_gel([_found(made) for made in GEL.presses(3)], MM_PER_PX)
 
 
 def _still(gain: tuple[float, ...] = (1.0, 1.0, 1.0), count: int = 10, press: bool = False) -> list:
@@ -127,27 +159,16 @@ def test_scales_along_x_and_y_are_distinguished() -> None:
     scale = fit_scale(moves, centres)
     assert scale.mm_per_px == pytest.approx([0.058, 0.063], rel=0.02)
     assert (np.abs(scale.mm_per_px - [0.058, 0.063]) < 4 * scale.sigma).all()
-    with pytest.raises(CalibrationError, match="span both axes"):
-        fit_scale(moves[:3], centres[:3])
-    with pytest.raises(CalibrationError, match="span both axes"):
-        fit_scale(moves * (1, 0), centres)
+    for wrong in ((moves[:3], centres[:3]), (moves * (1, 0), centres)):
+        with pytest.raises(CalibrationError, match="span both axes"):
+            fit_scale(*wrong)
 
 
 @pytest.mark.slow
-def test_held_out_real_gelsight_balls_are_reconstructed_within_five_percent(real_data) -> None:
-    folder = real_data / "gelsight_ball"
-
-    def rgb(name: str) -> np.ndarray:
-        return cv2.imread(str(folder / name), cv2.IMREAD_COLOR_RGB)
-
-    reference = rgb("background.png").astype(np.float32)
-    presses = []
-    with (folder / "catalog.csv").open() as stream:
-        for row in list(csv.DictReader(stream))[::2]:  # half of the 67 presses, for the time
-            press = find_press(rgb(row["image"]), reference, row["image"])
-            assert isinstance(press, Press), press
-            presses.append(BallPress(press, float(row["diameter(mm)"]) / 2))
-    result = calibrate_gel(presses, (0.0634, 0.0634), folds=4)
+def test_held_out_real_gelsight_balls_are_reconstructed_within_five_percent(real_data: Path) -> None:
+    presses = gelsight_presses(real_data / "gelsight_ball")
+    assert len(presses) == 67
+    result = calibrate_gel(presses[::2], (0.0634, 0.0634), folds=4)  # half of them, for the time
     assert set(result.radius_error()) == {3.155, 4.75}
     assert all(abs(error) < 0.05 for error in result.radius_error().values()), result.radius_error()
 

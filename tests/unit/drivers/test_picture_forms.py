@@ -1,5 +1,6 @@
-"""One picture in the forms in which other programs store it; files with several pictures are refused."""
+"""Files of pictures: in the forms of other programs, in the order of their names, several in one file."""
 
+import random
 from collections.abc import Callable
 from pathlib import Path
 
@@ -10,9 +11,10 @@ import tifffile
 from PIL import Image as Pillow
 
 from drivers.errors import InputError
-from drivers.formats import picture_count, picture_flaw, unpacking
+from drivers.formats import in_number_order, picture_count, picture_flaw, unpacking
 from drivers.images import image_flaw, load_image, read_image
 from drivers.video.files import PLAYED_SUFFIXES, image_files
+from rig.calibrate.samples import picture_files
 from rig.frames.masks import image_groups
 from rig.frames.series import read_frames
 
@@ -99,22 +101,11 @@ def test_file_of_several_pictures_is_refused_everywhere(tmp_path: Path, name: st
     assert image_flaw(tmp_path / name) is None
 
 
-def test_one_stack_among_single_images_is_refused_by_name(tmp_path: Path) -> None:
-    for i in range(5):
-        stack(tmp_path / f"pillow_{i}.tif", 2 if i == 3 else 1)
-    with pytest.raises(InputError, match=r"pillow_3\.tif: holds 2 images"):
-        read_frames(tmp_path)
-
-
 @pytest.mark.parametrize(
     ("kind", "renamed"),
-    [
-        ("animated.png", "5.png"),
-        ("animated.webp", "5.png"),
-        ("tifffile.tif", "5.jpg"),
-        ("pillow.tif", "5.bmp"),
-    ],
-)
+    [("animated.png", "5.png"), ("animated.webp", "5.png"), ("tifffile.tif", "5.jpg"),
+     ("pillow.tif", "5.bmp"), ("opencv.tif", "5.tif")],
+)  # fmt: skip
 def test_animation_among_single_images_is_refused_by_name_whatever_its_suffix(
     tmp_path: Path, kind: str, renamed: str
 ) -> None:
@@ -129,14 +120,11 @@ def test_animation_among_single_images_is_refused_by_name_whatever_its_suffix(
             image_files(tmp_path)
 
 
-def test_preview_in_a_file_is_no_second_picture(tmp_path: Path) -> None:
+def test_preview_is_no_second_picture_and_a_damaged_list_of_pages_an_error(tmp_path: Path) -> None:
     with tifffile.TiffWriter(tmp_path / "x.tif") as writer:
         writer.write(RAMP, photometric="rgb")
         writer.write(np.ascontiguousarray(RAMP[::4, ::4]), photometric="rgb", subfiletype=1)
     assert np.array_equal(read_image(tmp_path / "x.tif"), RAMP)
-
-
-def test_damaged_list_of_pages_is_an_error(tmp_path: Path) -> None:
     data = bytearray(stack(tmp_path / "pillow.tif", 3).read_bytes())
     first = int.from_bytes(data[4:8], "little")
     entries = int.from_bytes(data[first : first + 2], "little")
@@ -152,7 +140,58 @@ def test_deep_samples_and_large_tiles_count(tmp_path: Path, monkeypatch: pytest.
     monkeypatch.setattr(unpacking, "MOST_UNPACKED", 1_000_000)
     for name in ("x.tif", "x.png"):
         assert "become" in str(image_flaw(tmp_path / name)), name
-    tifffile.imwrite(
-        tmp_path / "tile.tif", np.zeros((16, 16), np.uint8), tile=(16384, 16384), compression="zlib"
-    )
+    tile = np.zeros((16, 16), np.uint8)
+    tifffile.imwrite(tmp_path / "tile.tif", tile, tile=(16384, 16384), compression="zlib")
     assert str(image_flaw(tmp_path / "tile.tif")).startswith("is 16384 x 16384 px")
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        ["0.1337035.png", "0.867143.png", "1.2.png"],
+        ["frame_9.5.png", "frame_10.25.png", "frame_10.3.png"],
+        ["1763000000.9.png", "1763000000.95.png", "1763000001.0.png", "1763000001.05.png"],
+        ["-0.5.png", "-0.25.png", "0.0.png", "5e-05.png", "0.0001.png"],
+        ["t.0.15.png", "t.0.5.png"],
+        ["1.8.png", "1.9.png", "1.10.png", "1.11.png", "2.1.png"],
+        ["1.001.png", "1.002.png", "1.010.png", "2.000.png"],
+        ["2.png", "10.png", "0100.png", "1000.png"],
+        ["left2.png", "left10.png", "right1.png"],
+        ["2026.11.9.png", "2026.11.26.png", "2026.12.1.png"],
+        ["2026-11-26_17.56.09.5.png", "2026-11-26_17.56.10.1.png"],
+        ["frame.0009.png", "frame.0010.png", "frame.10000.png"],
+        ["1" + 40 * "0" + "1.png", "1" + 40 * "0" + "2.png"],
+    ],
+)
+def test_numbers_in_names_are_compared_as_numbers(names: list[str]) -> None:
+    for seed in range(5):
+        mixed = [Path("x") / name for name in names]
+        random.Random(seed).shuffle(mixed)
+        assert [file.name for file in in_number_order(mixed)] == names
+
+
+@pytest.mark.parametrize("writer", [str, "{:.4f}".format, "{:g}".format, "frame{:.6f}_left".format])
+def test_names_that_are_times_are_sorted_by_time(writer) -> None:
+    times = sorted(random.Random(1).uniform(0.0, 20.0) for _ in range(300))
+    files = [Path(f"{writer(time)}.png") for time in times]
+    assert in_number_order(reversed(files)) == sorted(files, key=files.index)
+
+
+NUMBERED = ["9.png", "10.png", "100.png"], ["0.1337035.png", "0.867143.png", "1.25.png"]
+
+
+@pytest.mark.parametrize("names", NUMBERED)
+def test_every_list_of_images_is_in_order_of_numbers_without_hidden_files(
+    tmp_path: Path, names: list[str]
+) -> None:
+    for shade, name in reversed(list(enumerate(names))):
+        cv2.imwrite(str(tmp_path / name), np.full((40, 60, 3), 50 * shade, np.uint8))
+        (tmp_path / f".{name}").write_bytes(b"metadata of another computer")
+    (group,) = image_groups([tmp_path], f"first:{len(names) - 1}", compare=True)
+    assert group.background is not None
+    assert group.background.mean() == pytest.approx(25.0), "the mean of the first two by number"
+    (bare,) = image_groups([tmp_path], None, compare=False)
+    assert [file.name for file in bare.files] == names
+    assert [file.name for file in picture_files(tmp_path)] == names
+    assert [file.name for file in image_files(tmp_path)] == names
+    assert [frame.name for frame in read_frames(tmp_path)] == names

@@ -10,19 +10,20 @@ import pytest
 from drivers.realtime import ask_for_realtime, ordinary, realtime
 
 
-class Asked:
-    """Records the requests for each thread; nothing changes."""
+@pytest.fixture
+def asked(monkeypatch: pytest.MonkeyPatch) -> list[tuple[int, int, int]]:
+    """Thread, policy and priority of each request; nothing changes."""
+    asked: list[tuple[int, int, int]] = []
 
-    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
-        self.of: list[tuple[int, int, int]] = []
-        monkeypatch.setattr(
-            os,
-            "sched_setscheduler",
-            lambda thread, policy, p: self.of.append((thread, policy, p.sched_priority)),
-        )
+    def request(thread: int, policy: int, param: os.sched_param) -> None:
+        asked.append((thread, policy, param.sched_priority))
 
-    def of_thread(self, thread: int) -> list[int]:
-        return [policy for asked, policy, _ in self.of if asked == thread]
+    monkeypatch.setattr(os, "sched_setscheduler", request)
+    return asked
+
+
+def policies(asked: list[tuple[int, int, int]], thread: int) -> list[int]:
+    return [policy for of, policy, _ in asked if of == thread]
 
 
 @pytest.fixture
@@ -38,12 +39,11 @@ def other() -> Iterator[int]:
 
 
 def test_lowest_real_time_priority_is_requested_for_all_threads(
-    monkeypatch: pytest.MonkeyPatch, other: int
+    asked: list[tuple[int, int, int]], other: int
 ) -> None:
-    asked = Asked(monkeypatch)
     ask_for_realtime()
     lowest = os.sched_get_priority_min(os.SCHED_RR)
-    assert {(threading.get_native_id(), os.SCHED_RR, lowest), (other, os.SCHED_RR, lowest)} <= set(asked.of)
+    assert {(threading.get_native_id(), os.SCHED_RR, lowest), (other, os.SCHED_RR, lowest)} <= set(asked)
 
 
 def test_refused_real_time_priority_changes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -56,8 +56,7 @@ def test_refused_real_time_priority_changes_nothing(monkeypatch: pytest.MonkeyPa
     assert os.sched_getscheduler(0) == before
 
 
-def test_real_time_priority_ends_with_its_context(monkeypatch: pytest.MonkeyPatch, other: int) -> None:
-    asked = Asked(monkeypatch)
+def test_real_time_priority_ends_with_its_context(asked: list[tuple[int, int, int]], other: int) -> None:
     with realtime():
         assert gc.get_freeze_count() > 0
         over = threading.Event()
@@ -67,16 +66,16 @@ def test_real_time_priority_ends_with_its_context(monkeypatch: pytest.MonkeyPatc
     begun_within.join()
     assert gc.get_freeze_count() == 0
     for thread in (threading.get_native_id(), other):
-        assert asked.of_thread(thread) == [os.SCHED_RR, os.sched_getscheduler(0)]
-    assert not asked.of_thread(begun_within.native_id or 0), "a device's thread keeps what it began with"
+        assert policies(asked, thread) == [os.SCHED_RR, os.sched_getscheduler(0)]
+    assert not policies(asked, begun_within.native_id or 0), "a device's thread keeps what it began with"
 
 
-def test_busy_waiting_code_has_no_real_time_priority(monkeypatch: pytest.MonkeyPatch) -> None:
-    asked: list[int] = []
-    monkeypatch.setattr(os, "sched_setscheduler", lambda pid, policy, p: asked.append(policy))
+def test_busy_waiting_code_has_no_real_time_priority(
+    asked: list[tuple[int, int, int]], monkeypatch: pytest.MonkeyPatch
+) -> None:
     with ordinary():
         assert not asked, "this one has none to give up"
     monkeypatch.setattr(os, "sched_getscheduler", lambda pid: os.SCHED_RR)
     with ordinary():
-        assert asked == [os.SCHED_OTHER]
-    assert asked == [os.SCHED_OTHER, os.SCHED_RR]
+        assert policies(asked, 0) == [os.SCHED_OTHER]
+    assert policies(asked, 0) == [os.SCHED_OTHER, os.SCHED_RR]

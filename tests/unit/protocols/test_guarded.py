@@ -9,7 +9,6 @@ import pytest
 from drivers.clock import to_ns
 from drivers.errors import ContactForceError, DeviceError, DeviceTimeoutError, InvalidStateError
 from drivers.types import GripperState, HandState, Holding
-from fakes.devices.arm import FakeArm
 from fakes.devices.gripper import FakeGripper
 from fakes.world.force_torque import FlangeSensor
 from protocols.observer import Phase
@@ -22,10 +21,7 @@ LiftOf = Callable[..., Any]
 
 def raise_table(bench: Any, floor_z_m: float) -> None:
     """Make the simulated table higher than in the bench file."""
-    arm = bench.arm
-    assert isinstance(arm, FakeArm)
-    world = arm._world
-    world.layout = replace(world.layout, floor_z_m=floor_z_m)
+    bench.arm._world.layout = replace(bench.arm._world.layout, floor_z_m=floor_z_m)
 
 
 def test_arm_stops_and_rises_if_the_fingers_meet_the_table(lift_of: LiftOf) -> None:
@@ -43,11 +39,15 @@ def test_arm_stops_and_rises_if_the_fingers_meet_the_table(lift_of: LiftOf) -> N
     assert lift.height_m == pytest.approx(CLEARANCE_M, abs=2e-3)
 
 
-def test_force_limit_is_that_of_the_bench_file(lift_of: LiftOf, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("most_n", [1e4, None])
+def test_force_limit_is_that_of_the_bench_file_and_without_a_sensor_there_is_none(
+    lift_of: LiftOf, monkeypatch: pytest.MonkeyPatch, most_n: float | None
+) -> None:
     lift = lift_of()
-    limits = replace(lift.bench.arm.limits, max_contact_force_n=1e4)
-    monkeypatch.setattr(FakeArm, "limits", property(lambda arm: limits))
+    limits = replace(lift.bench.arm.limits, max_contact_force_n=most_n)
+    monkeypatch.setattr(lift.bench.arm, "_limits", limits)
     raise_table(lift.bench, lift.plan.base_T_grasp.position_m[2] + 0.02)
+    assert (lift.bench.arm.state().wrench is None) == (most_n is None)
     assert lift.run() == "done"
 
 
@@ -86,6 +86,7 @@ NAN = float("nan")
         ((0.0, 0.0, 0.0), (0.0, 0.0, float("inf"))),
         ((0.0, 0.0, 0.0), (0.0, 0.0)),
         ((0.0, 0.0, 0.0), (False, 0.0, 0.0)),
+        ((0.0, 0.0, 0.0), None),
     ],
 )
 def test_descent_stops_at_invalid_wrench(
@@ -100,7 +101,8 @@ def test_descent_stops_at_invalid_wrench(
 
     def feel(sensor: FlangeSensor, time_ns: int, tcp_z_m: float) -> Any:
         down = world.tool.pose_at(time_ns).position_m[2] < half_m
-        return (*(after if down else before), 0.0, 0.0, 0.0)
+        force = after if down else before
+        return None if force is None else (*force, 0.0, 0.0, 0.0)
 
     monkeypatch.setattr(FlangeSensor, "sense", feel)
     with pytest.raises(DeviceError, match="wrench"):
@@ -125,27 +127,6 @@ def test_lift_ends_as_a_fault_at_invalid_wrench_on_the_way_up(
         run_lift(lift.bench, lift.plan, lift.observer)
     assert "stopped, fingers left as they are, still holding" in ended.value.__notes__[0]
     assert lift.held
-
-
-def test_descent_of_an_arm_without_force_sensor_is_not_guarded(
-    lift_of: LiftOf, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    lift = lift_of()
-    limits = replace(lift.bench.arm.limits, max_contact_force_n=None)
-    monkeypatch.setattr(lift.bench.arm, "_limits", limits)
-    assert lift.bench.arm.state().wrench is None
-    assert lift.run() == "done"
-
-
-def test_missing_wrench_stops_the_descent_of_an_arm_with_force_sensor(
-    lift_of: LiftOf, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    lift = lift_of()
-    start = lift.bench.arm.state().base_T_tcp
-    monkeypatch.setattr(FlangeSensor, "sense", lambda *_: None)
-    with pytest.raises(InvalidStateError, match="wrench is None"):
-        move(lift.bench, start.translated(z_m=-0.1), LOWER_SPEED_M_S).wait(MOTION_TIMEOUT_S)
-    assert lift.bench.arm.state().base_T_tcp.position_m[2] > start.position_m[2] - 0.001
 
 
 def test_moving_fingers_stop_if_their_state_becomes_invalid(

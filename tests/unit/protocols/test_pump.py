@@ -13,12 +13,12 @@ from hypothesis import strategies as st
 from drivers.bench import Bench
 from drivers.clock import to_ns
 from drivers.errors import DeviceError, DeviceTimeoutError, StaleFrameError
-from drivers.types import Frame
+from drivers.types import Frame, Image
 from fakes.clock import SimulatedClock
 from fakes.devices.camera import FakeSource, Shutter
 from fakes.faults import FaultScript
 from protocols.observer import LiftObserver
-from protocols.pump import Pump
+from protocols.pump import LEFT_SHARE, Imprint, Pump, imprint, share_left
 from rig.bench.assembly import build_bench
 from rig.config import load_bench
 
@@ -107,14 +107,20 @@ def test_camera_picture_is_not_processed_shortly_before_a_fingertip_frame(phase_
     assert {before for before, serial in pairwise(order) if serial == "S2"} == {"S1"}
 
 
-def test_silent_camera_is_an_error_while_the_fingertips_continue() -> None:
+@pytest.mark.parametrize(
+    ("kind", "said", "after_s"),
+    [("drop", "SIM-C0001", 0.4), ("freeze", r"SIM-C0001: it has repeated its picture for 0\.5 s", 0.8)],
+)
+def test_silent_or_frozen_camera_is_an_error_while_the_fingertips_continue(
+    kind: str, said: str, after_s: float
+) -> None:
     bench, _ = build_bench(BENCH)
     with pumping(bench) as pump:
-        silent_ns = bench.clock.now_ns()
-        bench.camera._active = lambda kind, index: kind == "drop"  # type: ignore[attr-defined]
-        with pytest.raises(StaleFrameError, match="SIM-C0001"):
+        began_ns = bench.clock.now_ns()
+        bench.camera._active = lambda active, index: active == kind  # type: ignore[attr-defined]
+        with pytest.raises(StaleFrameError, match=said):
             pump.run_for(2.0)
-        assert bench.clock.now_ns() - silent_ns < to_ns(0.4)
+        assert bench.clock.now_ns() - began_ns < to_ns(after_s)
 
 
 def test_run_for_ends_after_its_last_frame_is_delivered() -> None:
@@ -122,19 +128,6 @@ def test_run_for_ends_after_its_last_frame_is_delivered() -> None:
     frames, began = pumped([late, Shutter(60.0, 0.002), Shutter(30.0, 0.005)], 0.4)
     last = max(frame.time_ns for frame in frames if frame.serial == "S0")
     assert last > began + to_ns(0.4 - 1.2 / 60.0)
-
-
-def test_source_with_repeated_frames_counts_as_frozen() -> None:
-    bench, _ = build_bench(BENCH)
-    assert isinstance(bench.clock, SimulatedClock)
-
-    def frozen(time_ns: int, rng: np.random.Generator) -> np.ndarray:
-        return np.zeros((8, 8, 3), np.uint8)
-
-    camera = FakeSource(("SIM-C0001",), Shutter(30.0, 0.0), frozen, bench.clock, FaultScript(), 0)
-    with pumping(replace(bench, camera=camera)) as pump:
-        with pytest.raises(StaleFrameError, match=r"SIM-C0001: it has repeated its picture for 0\.5 s"):
-            pump.run_for(2.0)
 
 
 def test_frame_of_another_sensor_is_a_fault() -> None:
@@ -171,3 +164,37 @@ def test_time_limit_names_the_overloaded_computer_if_frames_are_late() -> None:
         "bench: the frames of 2 s were not processed within 5 s; the fingertips' frames are"
     )
     assert "s late: the computer is overloaded; end other programs on it, or set a lower rate_hz" in said
+
+
+SIZE = (320, 240, 3)
+
+
+def gel(contact: float = 0.0, light: float = 1.0, drift: float = 0.0, seed: int = 0) -> Image:
+    """A gel with noise, a bar-shaped contact, light of some strength, and drifting light across the frame."""
+    rng = np.random.default_rng(seed)
+    image = rng.normal(110.0, 2.0, SIZE)
+    image[140:170, 80:160] += 60.0 * contact
+    image *= light * (1.0 + drift * np.linspace(-1.0, 1.0, SIZE[1])[None, :, None])
+    return np.clip(image, 0, 255).astype(np.uint8)
+
+
+def untouched() -> Imprint:
+    return np.mean([imprint(gel(seed=seed)) for seed in range(1, 9)], axis=0)
+
+
+@pytest.mark.slow
+@given(
+    light=st.floats(0.7, 1.3),
+    drift=st.floats(-0.2, 0.2),
+    strength=st.floats(0.2, 1.0),
+    seed=st.integers(9, 99),
+)
+def test_release_is_detected_in_any_light(light: float, drift: float, strength: float, seed: int) -> None:
+    held = imprint(gel(strength, seed=100))
+    assert share_left(untouched(), held, imprint(gel(0.0, light, drift, seed))) < LEFT_SHARE
+    assert share_left(untouched(), held, imprint(gel(strength, light, drift, seed))) > LEFT_SHARE
+
+
+def test_remaining_imprint_in_the_gel_is_not_a_contact() -> None:
+    held = imprint(gel(1.0))
+    assert share_left(untouched(), held, imprint(gel(0.3, seed=9))) == pytest.approx(0.3, abs=0.1)

@@ -50,13 +50,11 @@ def test_free_hand_is_asked_about_after_a_fault_only(lift_of: LiftOf) -> None:
     assert len(agreeing.asked) == 1
 
 
-@pytest.mark.parametrize(("closed_m", "holding"), [(0.001, Holding.FREE), (0.002, Holding.UNKNOWN)])
-def test_free_fingers_that_closed_since_may_hold_something(
-    lift_of: LiftOf, closed_m: float, holding: Holding
-) -> None:
-    bench = lift_of().bench
-    known = HandState(Holding.FREE, finger_opening_m=bench.gripper.state().opening_m + closed_m)
-    assert check_hand(replace(bench, hand=Hand(known, lambda _: None))).holding is holding
+def test_free_fingers_that_closed_since_may_hold_something(lift_of: LiftOf) -> None:
+    lift = lift_of()
+    for closed_m, holding in ((0.001, Holding.FREE), (0.002, Holding.UNKNOWN)):
+        known = HandState(Holding.FREE, finger_opening_m=lift.bench.gripper.state().opening_m + closed_m)
+        assert check_hand(restarted(lift, known)).holding is holding
 
 
 @pytest.mark.parametrize("after_fault", [False, True])
@@ -72,6 +70,8 @@ def test_object_held_by_the_last_program_is_set_down_at_its_place(lift_of: LiftO
     assert next(z for _, z, _, held in lift.trace if not held) == pytest.approx(place, abs=1e-4)
     assert lift.pose.position_m == pytest.approx(bench.base_T_home.position_m, abs=1e-6)
     assert bench.hand.state.holding is Holding.FREE
+    person.place("t1", "wrench")
+    assert person.asked[2:] == ["Place object t1 (wrench) on its mark: the hand was emptied. Ready?"]
 
 
 def test_object_stays_held_without_an_answer_even_with_yes(lift_of: LiftOf) -> None:
@@ -94,6 +94,10 @@ def test_fingers_closed_for_unknown_reason_open_only_after_a_question(lift_of: L
         assert "unknown whether the fingers hold something" in refusing.asked[0]
         assert "Hold any object between" in refusing.asked[0]
         assert lift.held
+    elsewhere = replace(lift.bench.hand.state, base_T_grasp=lift.plan.base_T_grasp.translated(x_m=0.1))
+    make_ready(restarted(lift, elsewhere), person := Person())
+    assert len(person.asked) == 2
+    assert "Hold any object between the fingers" in person.asked[0]
 
 
 def test_open_fingers_override_a_recorded_object(lift_of: LiftOf) -> None:
@@ -108,21 +112,6 @@ def test_open_fingers_override_a_recorded_object(lift_of: LiftOf) -> None:
         free_hand(bench, person)
         assert bench.hand.state.holding is Holding.FREE
     assert person.asked == []
-
-
-def test_object_held_elsewhere_needs_a_person_before_the_release(lift_of: LiftOf) -> None:
-    lift, person = left_in_the_air(lift_of), Person()
-    elsewhere = replace(lift.bench.hand.state, base_T_grasp=lift.plan.base_T_grasp.translated(x_m=0.1))
-    make_ready(restarted(lift, elsewhere), person)
-    assert len(person.asked) == 2
-    assert "Hold any object between the fingers" in person.asked[0]
-
-
-def test_object_from_an_emptied_hand_is_placed_by_a_person_even_with_yes(lift_of: LiftOf) -> None:
-    lift, person = left_in_the_air(lift_of), Person()
-    make_ready(restarted(lift, lift.bench.hand.state), person)
-    person.place("t1", "wrench")
-    assert person.asked[2:] == ["Place object t1 (wrench) on its mark: the hand was emptied. Ready?"]
 
 
 def test_gripper_reporting_an_object_overrides_the_record(lift_of: LiftOf) -> None:

@@ -13,6 +13,7 @@ from protocols.observer import Phase
 from protocols.slip_trial import run_lift
 from protocols.steps import CLEARANCE_M
 from support.benches import NOISE_M
+from support.marks import long
 
 LiftOf = Callable[..., Any]
 STOPPING_M = 0.0025
@@ -26,7 +27,6 @@ def lowest(lift: Any, since: int) -> float:
 def test_uninterrupted_lift_ends_with_a_free_hand(lift_of: LiftOf) -> None:
     lift = lift_of()
     assert lift.run() == "done"
-    assert lift.bench.hand.state.holding is Holding.FREE
     held = [state.holding for state in lift.kept]
     assert held == [Holding.FREE, Holding.AROUND, Holding.HELD, Holding.AROUND, Holding.FREE]
 
@@ -61,8 +61,11 @@ def test_open_hand_around_the_object_opens_wide_and_rises_straight_up(lift_of: L
     assert lowest(lift, at) >= lift.trace[at][1] - STOPPING_M
 
 
+HELD = pytest.mark.parametrize("phase", [Phase.LIFT, *long(Phase.HOLD), Phase.LOWER])
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("phase", [Phase.LIFT, pytest.param(Phase.HOLD, marks=pytest.mark.long), Phase.LOWER])
+@HELD
 def test_held_object_is_set_down_at_its_place(lift_of: LiftOf, phase: Phase) -> None:
     lift = lift_of()
     lift.interrupt(lambda: lift.observer.phase_now is phase and lift.height_m > 0.015)
@@ -75,7 +78,7 @@ def test_held_object_is_set_down_at_its_place(lift_of: LiftOf, phase: Phase) -> 
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("phase", [Phase.LIFT, pytest.param(Phase.HOLD, marks=pytest.mark.long), Phase.LOWER])
+@HELD
 def test_second_ctrl_c_stops_the_teardown_in_place(lift_of: LiftOf, phase: Phase) -> None:
     lift = lift_of()
     lift.interrupt(lambda: lift.observer.phase_now is phase and lift.height_m > 0.02)
@@ -87,29 +90,26 @@ def test_second_ctrl_c_stops_the_teardown_in_place(lift_of: LiftOf, phase: Phase
     assert lift.bench.hand.state.holding is Holding.HELD
 
 
-def test_object_away_from_its_place_stays_held(lift_of: LiftOf) -> None:
+@pytest.mark.parametrize(
+    ("gripper_is_lost", "said"), [(False, "not above the place"), (True, "still holding wrench (gripper")]
+)
+def test_object_away_from_its_place_or_of_a_lost_gripper_stays_held(
+    lift_of: LiftOf, gripper_is_lost: bool, said: str
+) -> None:
     lift = lift_of()
-    lift.interrupt(lambda: lift.observer.phase_now is Phase.HOLD)
-    elsewhere = lift.plan.base_T_grasp.translated(x_m=0.05)
-    note = lift.bench.hand.note
-    lift.bench.hand.note = lambda state: note(replace(state, base_T_grasp=elsewhere))
-    assert "not above the place" in lift.run()
+    elsewhere, note = lift.plan.base_T_grasp.translated(x_m=0.05), lift.bench.hand.note
+    if not gripper_is_lost:
+        lift.bench.hand.note = lambda state: note(replace(state, base_T_grasp=elsewhere))
+
+    def in_the_air() -> bool:
+        if lift.observer.phase_now is Phase.HOLD and gripper_is_lost:
+            lift.bench.gripper.disconnect()
+        return lift.observer.phase_now is Phase.HOLD
+
+    lift.interrupt(in_the_air)
+    assert said in lift.run()
     assert lift.held
-
-
-def test_lost_gripper_keeps_its_grip_and_the_arm_stays(lift_of: LiftOf) -> None:
-    lift = lift_of()
-
-    def lose() -> bool:
-        if lift.observer.phase_now is not Phase.HOLD:
-            return False
-        lift.height_at_loss = lift.height_m
-        lift.bench.gripper.disconnect()
-        return True
-
-    lift.interrupt(lose)
-    assert "still holding wrench (gripper" in lift.run()
-    assert lift.height_m == pytest.approx(lift.height_at_loss, abs=STOPPING_M)
+    assert lift.height_m == pytest.approx(lift.plan.lift_height_m, abs=STOPPING_M)
 
 
 @pytest.mark.parametrize(("late", "named"), [("0.41 s", False), ("0.41 s, limit", True)])
@@ -147,22 +147,16 @@ def test_emergency_stop_in_the_hold_phase_is_noticed_within_two_frames(
     lift_of: LiftOf, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     lift = lift_of()
-    state = FakeArm.state
+    state, running = FakeArm.state, FakeArm._check_running
     pressed_ns: list[int] = []
     noticed_ns: list[int] = []
 
     def seen(arm: FakeArm) -> ArmState:
         now_ns = lift.bench.clock.now_ns()
-        holding = lift.observer.phase_now is Phase.HOLD
-        if holding and not pressed_ns:
+        if lift.observer.phase_now is Phase.HOLD and not pressed_ns:
             pressed_ns.append(now_ns + 3_000_000)  # just after the arm was polled
         pressed = pressed_ns and now_ns >= pressed_ns[0]
         return replace(state(arm), mode=ArmMode.EMERGENCY_STOP) if pressed else state(arm)
-
-    def stop(arm: FakeArm) -> None:
-        noticed_ns.append(lift.bench.clock.now_ns())
-
-    running = FakeArm._check_running
 
     def may_move(arm: FakeArm) -> None:
         if pressed_ns:
@@ -170,7 +164,7 @@ def test_emergency_stop_in_the_hold_phase_is_noticed_within_two_frames(
         running(arm)
 
     monkeypatch.setattr(FakeArm, "state", seen)
-    monkeypatch.setattr(FakeArm, "stop", stop)
+    monkeypatch.setattr(FakeArm, "stop", lambda arm: noticed_ns.append(lift.bench.clock.now_ns()))
     monkeypatch.setattr(FakeArm, "_check_running", may_move)
     with pytest.raises(DeviceError, match="emergency"):
         run_lift(lift.bench, lift.plan, lift.observer)

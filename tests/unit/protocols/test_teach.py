@@ -25,6 +25,11 @@ def made(light_bench: BenchConfig) -> Iterator[tuple[Bench, Operator]]:
         yield bench, operator
 
 
+@pytest.fixture
+def bench(made: tuple[Bench, Operator]) -> Bench:
+    return made[0]
+
+
 class Person:
     """A person at the bench whose answers and actions the test sets."""
 
@@ -40,17 +45,13 @@ class Person:
         return self.keys.pop(0) if self.keys else "enter"
 
 
-def arm_of(bench: Bench) -> FakeArm:
-    assert isinstance(bench.arm, FakeArm)
-    return bench.arm
-
-
 def moves_when_pushed(bench: Bench) -> bool:
-    tool = arm_of(bench)._world.tool
-    here = tool.pose_at(bench.clock.now_ns())
-    arm_of(bench).lead(here.translated(x_m=0.05), 0.5)
+    arm = bench.arm
+    assert isinstance(arm, FakeArm)
+    here = arm._world.tool.pose_at(bench.clock.now_ns())
+    arm.lead(here.translated(x_m=0.05), 0.5)
     bench.clock.sleep_until(bench.clock.now_ns() + NS_PER_S)
-    return arm_of(bench)._world.tool.pose_at(bench.clock.now_ns()) != here
+    return arm._world.tool.pose_at(bench.clock.now_ns()) != here
 
 
 def test_guided_arm_is_held_at_the_pose_it_was_led_to(made: tuple[Bench, Operator]) -> None:
@@ -72,9 +73,8 @@ def test_guided_arm_is_held_at_the_pose_it_was_led_to(made: tuple[Bench, Operato
     ],
 )
 def test_arm_is_held_however_guiding_ends(
-    made: tuple[Bench, Operator], raised: Exception | None, limit_s: float, said: str
+    bench: Bench, raised: Exception | None, limit_s: float, said: str
 ) -> None:
-    bench, _ = made
     begun = []
 
     def there() -> bool:
@@ -89,8 +89,7 @@ def test_arm_is_held_however_guiding_ends(
     assert not moves_when_pushed(bench)
 
 
-def test_each_key_is_one_bounded_step_at_low_speed(made: tuple[Bench, Operator]) -> None:
-    bench, _ = made
+def test_each_key_is_one_bounded_step_at_low_speed(bench: Bench) -> None:
     home = bench.arm.state().base_T_tcp
     began_ns = bench.clock.now_ns()
     there = step_by_keys(bench, Person(keys="xxY3z1T?"), "question", home)
@@ -100,8 +99,7 @@ def test_each_key_is_one_bounded_step_at_low_speed(made: tuple[Bench, Operator])
     assert (bench.clock.now_ns() - began_ns) / NS_PER_S >= 0.016 / STEP_SPEED_M_S
 
 
-def test_step_beyond_the_limits_is_rejected_with_a_message(made: tuple[Bench, Operator]) -> None:
-    bench, _ = made
+def test_step_beyond_the_limits_is_rejected_with_a_message(bench: Bench) -> None:
     home = bench.arm.state().base_T_tcp
     person = Person(keys="3" + "z" * 40)
     there = step_by_keys(bench, person, "question", home)
@@ -110,9 +108,7 @@ def test_step_beyond_the_limits_is_rejected_with_a_message(made: tuple[Bench, Op
     assert person.questions[-1].startswith("refused: arm: ")
 
 
-def test_stop_between_two_steps_leaves_the_arm_at_rest(made: tuple[Bench, Operator]) -> None:
-    bench, _ = made
-
+def test_stop_between_two_steps_leaves_the_arm_at_rest(bench: Bench) -> None:
     class Leaves(Person):
         def key(self, question: str, where: Pose, here: Pose) -> str:
             if not self.keys:

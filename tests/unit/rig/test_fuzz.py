@@ -247,7 +247,7 @@ def test_networks(place: Path, data: bytes) -> None:
 @given(data=st.data())
 def test_checkpoints(place: Path, data: st.DataObject) -> None:
     torch = pytest.importorskip("torch", reason="training is the extra 'train'")
-    from rig.training.checkpoint import read_state
+    from rig.training.networks import read_state
 
     whole = place / "whole.pt"
     if not whole.exists():

@@ -2,6 +2,7 @@
 
 import os
 import shutil
+import socket
 import sys
 import time
 from collections.abc import Callable
@@ -13,13 +14,13 @@ import pytest
 from drivers.clock import to_ns
 from drivers.errors import InputError
 from fakes.clock import SimulatedClock
-from rig.live.feed import KEPT_MESSAGES, LARGEST_BYTES, Inbox, Listener, LiveFeed, Message, Sender
+from rig.live.feed import KEPT_MESSAGES, LARGEST_BYTES, Inbox, Listener, Message, Sender
 from rig.live.session import check_viewer, viewer_environment
-from rig.live.state import LiftInView
 from rig.live.trial_view import TrialView
 from rig.results.notes import lift_note
 from rig.sessions.records import Lift
 from rig.terminal.screen import TimeLeft, left_text
+from support.waiting import until
 
 LIFT = {"number": 3, "attempt": 0, "object": "t1", "name": "wrench", "lift": 2, "sender": 7}
 FIGURES = {
@@ -30,16 +31,13 @@ FIGURES = {
 
 def wait_for(inbox: Inbox, count: int) -> list[Message]:
     messages: list[Message] = []
-    deadline = time.monotonic() + 120.0
-    while len(messages) < count and time.monotonic() < deadline:
-        messages += inbox.take()
-        time.sleep(0.005)
+    until(lambda: len(messages.extend(inbox.take()) or messages) >= count)
     return messages
 
 
 def test_messages_arrive_and_images_only_on_request(tmp_path: Path) -> None:
     table, viewer = Inbox(str(tmp_path / "t")), Inbox(str(tmp_path / "v"))
-    sender = Sender(LiveFeed((Listener(table.address, False), Listener(viewer.address, True))))
+    sender = Sender([Listener(table.address, False), Listener(viewer.address, True)])
     picture = os.urandom(30_000) + b"\n"
     sender.send("frame", {"serial": "D1"}, picture)
     sender.send("phase", {"phase": "B"})
@@ -54,15 +52,13 @@ def test_messages_arrive_and_images_only_on_request(tmp_path: Path) -> None:
 
 
 def test_messages_without_a_reader_are_dropped_without_blocking(tmp_path: Path) -> None:
-    import socket
-
-    absent = Sender(LiveFeed((Listener(str(tmp_path / "nobody"), True),)))
+    absent = Sender([Listener(str(tmp_path / "nobody"), True)])
     absent.send("phase", {})
     absent.send("frame", {}, b"x" * LARGEST_BYTES)
     assert absent.lost == 2
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as stopped:
         stopped.bind(str(tmp_path / "stopped"))
-        sender = Sender(LiveFeed((Listener(str(tmp_path / "stopped"), True),)))
+        sender = Sender([Listener(str(tmp_path / "stopped"), True)])
         for _ in range(100):  # a socket that waited would never come back from this
             sender.send("frame", {}, b"x" * 20_000)
         assert 0 < sender.lost < 100
@@ -72,7 +68,7 @@ def test_messages_without_a_reader_are_dropped_without_blocking(tmp_path: Path) 
 
 def test_late_reader_gets_the_newest_messages(tmp_path: Path) -> None:
     inbox = Inbox(str(tmp_path / "a"))
-    sender = Sender(LiveFeed((Listener(inbox.address, False),)))
+    sender = Sender([Listener(inbox.address, False)])
     count = KEPT_MESSAGES + 200
     for number in range(count):
         lost = sender.lost
@@ -90,8 +86,6 @@ def test_late_reader_gets_the_newest_messages(tmp_path: Path) -> None:
 
 
 def test_invalid_messages_are_ignored(tmp_path: Path) -> None:
-    import socket
-
     inbox = Inbox(str(tmp_path / "a"))
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as stranger:
         for data in (b"hello", b"[1, 2]\n", b'{"no": "kind"}\n', Message("phase", {"n": 1}).packed()):
@@ -100,24 +94,16 @@ def test_invalid_messages_are_ignored(tmp_path: Path) -> None:
     inbox.close()
 
 
-def test_lift_in_view_shows_phase_angles_rates_and_drops() -> None:
-    lift = LiftInView(3, "t1 wrench lift 2")
-    lift.take(Message("figures", {**LIFT, **FIGURES}))
-    assert lift.angles() == "t1 wrench lift 2, phase B: estimate -3.1 deg, markers -3.1 deg"
-    assert lift.frames() == "frames/s D1 60, D2 60, camera -; dropped 3"
-
-
-def test_viewer_is_found_without_an_activated_environment(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_viewer_is_found_without_an_activated_environment_and_marks_simulated_lifts(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     pytest.importorskip("rerun", reason="the live view's library is not installed: extra 'live'")
+    from rig.live.viewer import layout
+
     monkeypatch.setenv("PATH", "/usr/bin:/bin")
     found = shutil.which("rerun", path=viewer_environment()["PATH"])
     assert found is not None
     assert Path(found).parent == Path(sys.executable).parent
-
-
-def test_views_of_simulated_lifts_are_marked() -> None:
-    pytest.importorskip("rerun", reason="the live view's library is not installed: extra 'live'")
-    from rig.live.viewer import layout
 
     def names(part: Any) -> list[str]:
         own = [part.name] if getattr(part, "name", None) else []
@@ -144,21 +130,17 @@ def test_time_left_excludes_start_up_and_pieces_of_the_earlier_run() -> None:
     assert left_text(7200) == "about 2.0 h left"
 
 
-def test_time_left_is_measured_again_when_another_part_of_the_work_begins() -> None:
+def test_time_left_follows_the_pace_of_the_present_part_or_of_the_earlier_run() -> None:
     clock = SimulatedClock()
     left = TimeLeft(0, clock=clock)
     for done, total, time_s in ((1, 2, 0.0), (2, 2, 600.0), (1, 64, 620.0), (2, 64, 630.0)):
         clock.sleep_until(to_ns(time_s))
         left.piece_done(done, total)
     assert left.counting_down() == pytest.approx(620.0)  # 62 pieces of 10 s
-
-
-def test_time_left_after_resume_uses_the_pace_of_the_earlier_run() -> None:
-    clock = SimulatedClock()
     left = TimeLeft(45, done=25, clock=clock, usual_s=6.0)
     assert left.seconds() == pytest.approx(120.0)
     left.begin()
-    clock.sleep_until(to_ns(12.0))  # the first two lifts include the start of two worker processes
+    clock.sleep_until(to_ns(642.0))  # the first two lifts include the start of two worker processes
     assert 100.0 < (left.seconds((0.15, 0.15)) or 0.0) < 180.0  # without the earlier pace 788 s
 
 
@@ -170,7 +152,7 @@ def test_progress_is_printed_as_lines_without_a_terminal(
 ) -> None:
     monkeypatch.setattr("rig.live.trial_view.PLAIN_EVERY_S", 0.02)
     inbox = Inbox(str(tmp_path / "a"))
-    sender = Sender(LiveFeed((Listener(inbox.address, False),)))
+    sender = Sender([Listener(inbox.address, False)])
     row = lift_row(3, lift=2, final_truth_deg=-8.0)
     text = ""
     with TrialView(5, inbox, lift_note) as view:

@@ -28,6 +28,11 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path
 
 
+def draw(folder: Path, circle: str) -> None:
+    """Draw one circle by hand: the picture's number, then x, y and radius, px."""
+    (folder / "circles.csv").write_text(f"frame,center_x,center_y,radius\n{circle}\n")
+
+
 def test_every_picture_of_a_plain_folder_is_a_press_of_the_ball(folder: Path) -> None:
     presses = read_press_folder(folder, ball_mm=8.8)
     assert [press.id for press in presses.pressed] == ["000000.png", "000001.png"]
@@ -37,23 +42,23 @@ def test_every_picture_of_a_plain_folder_is_a_press_of_the_ball(folder: Path) ->
 
 
 def test_circle_drawn_by_hand_replaces_the_one_that_was_found(folder: Path) -> None:
-    (folder / "circles.csv").write_text("frame,center_x,center_y,radius\n1,100,120,40\n")
+    draw(folder, "1,100,120,40")
     found, drawn = read_press_folder(folder, ball_mm=8.8).pressed
     assert drawn.circle == (100.0, 120.0, 40.0)
     assert found.circle != drawn.circle
-    (folder / "circles.csv").write_text("frame,center_x,center_y,radius\n1,100,120,-4\n")
+    draw(folder, "1,100,120,-4")
     with pytest.raises(InputError, match="line 2: a circle's radius is -4 px"):
         read_press_folder(folder, ball_mm=8.8)
 
 
 def test_labels_of_presses_are_their_hand_drawn_circles(folder: Path) -> None:
-    (folder / "circles.csv").write_text("frame,center_x,center_y,radius\n1,100,120,40\n")
+    draw(folder, "1,100,120,40")
     presses = read_presses(folder)
     assert len(presses.frames) == 1
     rows, columns = np.nonzero(presses.labels[0])
     assert (columns.mean(), rows.mean()) == pytest.approx((100.0, 120.0))
     assert len(rows) == pytest.approx(np.pi * 40.0**2, rel=0.01)
-    (folder / "circles.csv").write_text("frame,center_x,center_y,radius\n7,100,120,40\n")
+    draw(folder, "7,100,120,40")
     with pytest.raises(InputError, match=r"circles\.csv: names no picture"):
         read_presses(folder)
 
@@ -100,12 +105,12 @@ def test_repeated_press_counts_once(folder: Path, copy: str) -> None:
     assert [(r.id, r.reason) for r in presses.rejected] == [(name, "same press as 000000.png")]
 
 
-@pytest.mark.parametrize("centre", [(119, 500), (300, 100), (-4, 100)])
-def test_circle_outside_its_picture_is_rejected(centre: tuple[int, int], folder: Path) -> None:
-    (folder / "circles.csv").write_text(f"frame,center_x,center_y,radius\n0,{centre[0]},{centre[1]},40\n")
-    presses = read_press_folder(folder, ball_mm=8.8)
-    assert [press.id for press in presses.pressed] == ["000001.png"]
-    assert "outside the picture of 240 x 320 px" in presses.rejected[0].reason
+def test_circle_outside_its_picture_is_rejected(folder: Path) -> None:
+    for centre in ("119,500", "300,100", "-4,100"):
+        draw(folder, f"0,{centre},40")
+        presses = read_press_folder(folder, ball_mm=8.8)
+        assert [press.id for press in presses.pressed] == ["000001.png"]
+        assert "outside the picture of 240 x 320 px" in presses.rejected[0].reason
 
 
 @units
@@ -126,15 +131,11 @@ def test_scale_of_a_gel_in_another_unit_is_refused(unit: str, folder: Path) -> N
     assert unit in str(found.assessment).split("; in ")[1]
 
 
-@pytest.mark.parametrize(
-    ("names", "counts"),
-    [(("10.png", "9.png"), "9.png"), (("10.25.png", "9.5.png"), "9.5.png")],
-)
-def test_first_copy_by_number_counts(folder: Path, names: tuple[str, str], counts: str) -> None:
-    for name in names:
-        (folder / name).write_bytes((folder / "000000.png").read_bytes())
-    for other in ("000000.png", "000001.png"):
-        (folder / other).unlink()
+@pytest.mark.parametrize("names", [("10.png", "9.png"), ("10.25.png", "9.5.png")])
+def test_first_copy_by_number_counts(folder: Path, names: tuple[str, str]) -> None:
+    (folder / "000001.png").unlink()
+    (folder / "000000.png").rename(folder / names[0])
+    (folder / names[1]).write_bytes((folder / names[0]).read_bytes())
     presses = read_press_folder(folder, ball_mm=8.8)
-    assert [press.id for press in presses.pressed] == [counts]
-    assert [r.reason for r in presses.rejected] == [f"same press as {counts}"]
+    assert [press.id for press in presses.pressed] == [names[1]]
+    assert [r.reason for r in presses.rejected] == [f"same press as {names[1]}"]

@@ -12,7 +12,7 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from http.client import HTTPConnection
+from http.client import HTTPConnection, HTTPMessage
 from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import Any
@@ -23,13 +23,14 @@ import pytest
 
 from drivers.errors import InputError, OperatorStopError
 from drivers.images import encode_jpeg
-from rig.live.feed import Inbox, Listener, LiveFeed, Message, Sender
+from rig.live.feed import Inbox, Listener, Message, Sender
 from rig.live.state import KEPT_FAULTS, KEPT_POINTS, RECORD_HEAD, Progress, StateNews, WatchState
 from rig.live.watch import WatchPage, watch_address
 from rig.pages.serving import BURST, MOST_PER_S
 from rig.terminal.onlookers import Event, announce, announcing, asked, observed_by
 from support import waiting
 from support.browser import NEEDS_CHROMIUM, Browser
+from support.waiting import until
 
 LIFT = {"number": 3, "attempt": 0, "object": "t1", "name": "wrench", "lift": 2, "sender": 7}
 FIGURES = {
@@ -59,29 +60,38 @@ def still_page() -> Iterator[WatchPage]:
         yield made
 
 
-def get(
-    page: WatchPage, path: str, method: str = "GET", host: str | None = None, origin: str | None = None
-) -> tuple[int, bytes]:
-    at = urlsplit(page.address)
-    connection = HTTPConnection(str(at.hostname), at.port, timeout=waiting.LIMIT_S)
-    headers = {name: value for name, value in (("Host", host), ("Origin", origin)) if value is not None}
-    connection.request(method, path, headers=headers)
+def request(
+    page: WatchPage, path: str, method: str = "GET", body: bytes | None = None, **headers: str | None
+) -> tuple[int, bytes, HTTPMessage]:
+    """Send a request; return status, body and headers of the answer. headers: Host, x_rig_token ..."""
+    connection = HTTPConnection("127.0.0.1", page.process.port, timeout=waiting.LIMIT_S)
+    sent = {name.replace("_", "-"): value for name, value in headers.items() if value is not None}
+    connection.request(method, path, body, sent)
     answer = connection.getresponse()
-    body = answer.read()
+    found = answer.status, answer.read(), answer.headers
     connection.close()
-    return answer.status, body
+    return found
 
 
-def values(page: WatchPage) -> dict[str, object]:
+def get(page: WatchPage, path: str, **headers: str | None) -> tuple[int, bytes]:
+    return request(page, path, **headers)[:2]
+
+
+def values(page: WatchPage) -> dict[str, Any]:
     return json.loads(get(page, "/state.json")[1])
 
 
-until = waiting.until
+@contextmanager
+def streamed(page: WatchPage) -> Iterator[socket.socket]:
+    """Open the stream of a page as a browser does."""
+    with socket.create_connection(("127.0.0.1", page.process.port), timeout=waiting.LIMIT_S) as client:
+        client.sendall(b"GET /stream HTTP/1.0\r\nHost: localhost\r\n\r\n")
+        yield client
 
 
 def test_page_shows_the_newest_values(page: WatchPage) -> None:
     assert b"SIMULATED trial &lt;b&gt;" in get(page, "/")[1]
-    sender = Sender(LiveFeed((page.listener,)))
+    sender = Sender([page.listener])
     sender.send("figures", {**LIFT, **FIGURES})
     sender.send("frame", {**LIFT, "serial": "D1/x", "time_ns": 5}, JPEG)
     until(lambda: bool(values(page)["pictures"]))
@@ -105,14 +115,15 @@ def test_question_is_shown_until_answered_and_faults_stay(page: WatchPage) -> No
         progress(3, 5, "lift")
         seen = values(page)
         assert (seen["done"], seen["newest"], seen["ended"]) == (3, "a lift", "")
-        (fault,) = seen["faults"]  # type: ignore[misc]
+        (fault,) = seen["faults"]
         assert fault.endswith(" it fell")
     assert values(page)["ended"] == "done"
     with pytest.raises(OperatorStopError), observed_by(page.show_event):
         raise OperatorStopError("stopped by the operator")
     assert values(page)["ended"] == "stopped by the operator"
     announce(Event("fault", "without observers"))
-    assert len(values(page)["faults"]) == 1  # type: ignore[arg-type]
+    assert len(values(page)["faults"]) == 1
+    assert [text.partition(" ")[0] for text in values(page)["finished"]] == ["3/5", "2/5"]
 
 
 @pytest.mark.slow
@@ -121,7 +132,7 @@ def test_question_is_shown_until_answered_and_faults_stay(page: WatchPage) -> No
 def test_browser_shows_live_updates(page: WatchPage, tmp_path: Path, width: int, scheme: str) -> None:
     black = encode_jpeg(np.zeros((8, 6, 3), np.uint8), 80)
     browser = Browser(tmp_path / "profile")
-    sender = Sender(LiveFeed((page.listener,)))
+    sender = Sender([page.listener])
     try:
         browser.open(page.address, width, scheme)
 
@@ -160,9 +171,20 @@ def test_browser_shows_live_updates(page: WatchPage, tmp_path: Path, width: int,
         sender.close()
 
 
-@pytest.mark.parametrize("method", ["POST", "PUT", "DELETE", "PATCH", "HEAD"])
-def test_watch_page_is_read_only(still_page: WatchPage, method: str) -> None:
-    assert get(still_page, "/state.json", method)[0] == 405
+def test_page_is_read_only_and_serves_only_its_own_paths_to_its_own_host(still_page: WatchPage) -> None:
+    own = f"http://{urlsplit(still_page.address).netloc}"
+    assert urlsplit(still_page.address).query == "", "no key is needed on this computer"
+    for status, path, method, headers in (
+        (200, "/", "GET", {}),
+        *((405, "/state.json", method, {}) for method in ("POST", "PUT", "DELETE", "PATCH", "HEAD")),
+        *((404, path, "GET", {}) for path in ("/nope", "/picture/D9.jpg", "/picture/../watch.html")),
+        *((404, path, "GET", {}) for path in ("/index.html", "/state.json/")),
+        (403, "/state.json", "GET", {"Host": "evil.example:80"}),
+        (200, "/state.json", "GET", {"Host": "localhost:9000"}),
+        (403, "/state.json", "GET", {"Origin": "http://evil.example"}),
+        (200, "/state.json", "GET", {"Origin": own}),
+    ):
+        assert request(still_page, path, method, **headers)[0] == status, (path, method, headers)
 
 
 @pytest.fixture(scope="module", params=[None, "0.0.0.0:0"], ids=["for this computer", "for others"])
@@ -174,34 +196,10 @@ def acting_page(request: pytest.FixtureRequest) -> Iterator[WatchPage]:
 
 
 def pressed(
-    page: WatchPage,
-    token: str | None,
-    host: str | None = None,
-    origin: str | None = None,
-    body: bytes = b"estimator slip",
-    cookie: str | None = None,
+    page: WatchPage, token: str | None, body: bytes = b"estimator slip", **headers: str | None
 ) -> int:
     """Press a button of a page with a request of our own; return the answer's status."""
-    headers = {"Host": host, "Origin": origin, "x-rig-token": token, "Cookie": cookie}
-    sent = {name: value for name, value in headers.items() if value is not None}
-    port = page.process.port
-    connection = HTTPConnection("127.0.0.1", port, timeout=waiting.LIMIT_S)
-    connection.request("POST", "/do", body, sent)
-    status = connection.getresponse().status
-    connection.close()
-    return status
-
-
-def opened(page: WatchPage) -> tuple[str, str | None]:
-    """Open a page with buttons at its printed address; return its token and the cookie."""
-    connection = HTTPConnection("127.0.0.1", page.process.port, timeout=waiting.LIMIT_S)
-    connection.request("GET", f"/?{urlsplit(page.address).query}")
-    answer = connection.getresponse()
-    assert answer.getheader("X-Frame-Options") == "DENY"
-    found = re.search(r"'x-rig-token': \"([\w-]{16,})\"", answer.read().decode())
-    assert found is not None
-    cookie = answer.getheader("Set-Cookie")
-    return found[1], cookie and cookie.split(";")[0]
+    return request(page, "/do", "POST", body, x_rig_token=token, **headers)[0]
 
 
 NOT_OFFERED = (
@@ -214,27 +212,28 @@ def test_button_needs_the_token_of_the_page_and_its_own_name(
     acting_page: WatchPage, still_page: WatchPage
 ) -> None:
     at = f"127.0.0.1:{acting_page.process.port}"
-    token, cookie = opened(acting_page)
+    _, html, headers = request(acting_page, f"/?{urlsplit(acting_page.address).query}")
+    assert headers["X-Frame-Options"] == "DENY"
+    found = re.search(rb"'x-rig-token': \"([\w-]{16,})\"", html)
+    assert found is not None
+    token, cookie = found[1].decode(), (headers["Set-Cookie"] or "").split(";")[0] or None
     elsewhere = "rebound.example.org:80"
     refusals: list[dict[str, Any]] = [
         {"token": None},
         {"token": "live"},
         {"token": token[:-1]},
-        {"token": token, "origin": "http://example.org"},
-        {"token": token, "origin": "null"},
-        {"token": token, "host": elsewhere, "origin": f"http://{elsewhere}"},
+        {"token": token, "Origin": "http://example.org"},
+        {"token": token, "Origin": "null"},
+        {"token": token, "Host": elsewhere, "Origin": f"http://{elsewhere}"},
         {"token": token, "body": b""},
         {"token": token, "body": b"x" * 300},
         *({"token": token, "body": body} for body in NOT_OFFERED),
     ]
     for refused in refusals:
-        cookies = (
-            (None, cookie) if refused.get("host") is None else (None,)
-        )  # no browser has one for elsewhere
-        for sent in cookies:
-            assert pressed(acting_page, **refused, cookie=sent) == 403, refused
+        for sent in (None, *([] if "Host" in refused else [cookie])):  # no browser has one for elsewhere
+            assert pressed(acting_page, **refused, Cookie=sent) == 403, refused
     assert acting_page.asked() is None
-    assert pressed(acting_page, token, at, f"http://{at}", cookie=cookie) == 200
+    assert pressed(acting_page, token, Host=at, Origin=f"http://{at}", Cookie=cookie) == 200
     until(lambda: acting_page.asked() == "estimator slip")
     assert pressed(still_page, token) == 405
 
@@ -248,31 +247,17 @@ def test_page_for_other_computers_needs_the_key_that_is_printed(estimators: list
         paths = ["/", "/state.json", "/clock", "/stream", "/report.html", "/picture/D1.jpg", "/do"]
         guesses = ["", "?key=", f"?key={key[:-1]}", f"?Key={key}", f"?key={key}&key=x", f"?{key}"]
         for path in [path + guess for path in paths for guess in guesses]:
-            status, body = got(made, path)
+            status, body = get(made, path)
             assert (status, key.encode() in body) == (403, False), path
         port = made.process.port
         for cookie in ("", f"rig-{port}-key=", f"rig-{port}-key={key[:-1]}", f"other={key}", key):
-            assert got(made, "/state.json", cookie)[0] == 403, cookie
-        status, html = got(made, f"/?key={key}")
+            assert get(made, "/state.json", Cookie=cookie)[0] == 403, cookie
+        status, html = get(made, f"/?key={key}")
         assert (status, key.encode() in html) == (200, False)
-        assert got(made, f"/state.json?key={key}")[0] == 200
-        assert got(made, "/state.json", f"a=b; rig-{port}-key={key}")[0] == 200
+        assert get(made, f"/state.json?key={key}")[0] == 200
+        assert get(made, "/state.json", Cookie=f"a=b; rig-{port}-key={key}")[0] == 200
     finally:
         made.close()
-
-
-def got(page: WatchPage, path: str, cookie: str | None = None) -> tuple[int, bytes]:
-    connection = HTTPConnection("127.0.0.1", page.process.port, timeout=waiting.LIMIT_S)
-    connection.request("GET", path, headers={} if cookie is None else {"Cookie": cookie})
-    answer = connection.getresponse()
-    body = answer.read()
-    connection.close()
-    return answer.status, body
-
-
-def test_page_of_this_computer_needs_no_key(still_page: WatchPage) -> None:
-    assert urlsplit(still_page.address).query == ""
-    assert got(still_page, "/")[0] == 200
 
 
 @pytest.mark.slow
@@ -280,7 +265,7 @@ def test_page_of_this_computer_needs_no_key(still_page: WatchPage) -> None:
 def test_browser_shows_a_page_for_other_computers_and_presses_its_buttons(tmp_path: Path) -> None:
     made = WatchPage(watch_address("0.0.0.0:0"), "rig live D1", estimators=["slip"])
     browser = Browser(tmp_path / "profile")
-    sender = Sender(LiveFeed((made.listener,)))
+    sender = Sender([made.listener])
     try:
         at = urlsplit(made.address)
         browser.open(f"http://127.0.0.1:{at.port}/?{at.query}", 1280, "light")
@@ -298,19 +283,22 @@ def test_browser_shows_a_page_for_other_computers_and_presses_its_buttons(tmp_pa
         made.close()
 
 
+def state_of(came: list[Message]) -> WatchState:
+    """Return the state of a page to which these messages come; it takes them from the list."""
+    return WatchState(Progress("a", "lifts", 0, 1), lambda: [came.pop(0) for _ in range(len(came))])
+
+
 def test_stream_sends_each_reading_and_picture_once() -> None:
     came: list[Message] = []
-    state = WatchState(Progress("a", "", 0, 0), lambda: [came.pop(0) for _ in range(len(came))])
+    state = state_of(came)
 
     def reading(time_s: float, picture: bytes) -> Message:
         values = {"sender": 1, "sensor": "D1", "t_s": time_s, "angle_deg": 1.5, "sigma_deg": 0.1,
                   "zero_s": None, "dropped": 0}  # fmt: skip
         return Message("sensor", values, picture)
 
-    def record(news: StateNews) -> tuple[dict[str, Any], bytes] | None:
+    def record(news: StateNews) -> tuple[dict[str, Any], bytes]:
         data = news()
-        if not data:
-            return None
         head, pictures = RECORD_HEAD.unpack(data[:8])
         assert len(data) == 8 + head + pictures
         return json.loads(data[8 : 8 + head]), data[8 + head :]
@@ -319,23 +307,19 @@ def test_stream_sends_each_reading_and_picture_once() -> None:
     came += [reading(0.1 * n, JPEG + bytes([n])) for n in range(5)]
     came.append(Message("notice", {"sender": 1, "text": "reference taken"}))
     first = record(news)
-    assert first is not None
     assert first[0]["notice"] == "reference taken"
     (sensor,) = first[0]["sensors"]
     assert [point[0] for point in sensor["points"]] == pytest.approx([0.0, 0.1, 0.2, 0.3, 0.4])
     assert (sensor["bytes"], first[1]) == (len(JPEG) + 1, JPEG + bytes([4]))
-    assert record(news) is None, "nothing is new"
+    assert news() == b"", "nothing is new"
     state.progress = state.progress.after(Event("end", "done"))
     ended = record(news)
-    assert ended is not None
     assert (ended[0]["ended"], ended[0]["sensors"][0]["points"], ended[1]) == ("done", [], b"")
     came.append(reading(0.5, JPEG))
     later = record(news)
-    assert later is not None
     assert len(later[0]["sensors"][0]["points"]) == 1
     assert later[1] == JPEG
     other = record(StateNews(state))
-    assert other is not None
     assert len(other[0]["sensors"][0]["points"]) == 6, "a page opened later has the curve so far"
 
 
@@ -346,9 +330,7 @@ def test_report_is_served_and_browsers_get_it_before_the_page_ends(tmp_path: Pat
     report.write_bytes(b"<!doctype html><p>the report</p>")
     made.show_report(report)
     until(lambda: values(made)["report"] == str(report))
-    at = urlsplit(made.address)
-    with socket.create_connection((str(at.hostname), at.port or 0), timeout=waiting.LIMIT_S) as client:
-        client.sendall(b"GET /stream HTTP/1.0\r\nHost: localhost\r\n\r\n")
+    with streamed(made) as client:
         assert client.recv(15) == b"HTTP/1.1 200 OK"
         received = b""
         while b"report.html" not in received:  # the first news: by then the page knows that a browser looks
@@ -361,17 +343,9 @@ def test_report_is_served_and_browsers_get_it_before_the_page_ends(tmp_path: Pat
     assert fetched == [(200, report.read_bytes())]
 
 
-def test_finished_pieces_are_listed(page: WatchPage) -> None:
-    for done in (2, 3):
-        page.show_event(Event("progress", f"lift {done}", done, 5))
-    until(lambda: values(page)["finished"] == ["3/5 lift 3", "2/5 lift 2"])
-
-
 def test_stream_ends_when_the_page_is_closed() -> None:
     made = WatchPage(watch_address(None), "a")
-    at = urlsplit(made.address)
-    with socket.create_connection((str(at.hostname), at.port or 0), timeout=waiting.LIMIT_S) as client:
-        client.sendall(b"GET /stream HTTP/1.0\r\nHost: localhost\r\n\r\n")
+    with streamed(made) as client:
         received = client.recv(65_536)
         while b"\r\n\r\n" not in received or not received.endswith(b"}"):
             received += client.recv(65_536)
@@ -379,22 +353,6 @@ def test_stream_ends_when_the_page_is_closed() -> None:
         made.close()
         while client.recv(65_536):
             pass
-
-
-@pytest.mark.parametrize(
-    "path", ["/nope", "/picture/D9.jpg", "/picture/../watch.html", "/index.html", "/state.json/"]
-)
-def test_other_paths_are_not_served(still_page: WatchPage, path: str) -> None:
-    assert get(still_page, path)[0] == 404
-
-
-def test_requests_by_another_host_name_or_from_another_site_are_rejected(still_page: WatchPage) -> None:
-    own = f"http://{urlsplit(still_page.address).netloc}"
-    for status, header in (
-        (403, {"host": "evil.example:80"}), (200, {"host": "localhost:9000"}),
-        (403, {"origin": "http://evil.example"}), (200, {"origin": own}),
-    ):  # fmt: skip
-        assert get(still_page, "/state.json", **header)[0] == status, header
 
 
 def page_process() -> BaseProcess:
@@ -419,7 +377,7 @@ def test_suspended_page_delays_nothing_and_catches_up_later(page: WatchPage) -> 
     assert process.pid
     os.kill(process.pid, signal.SIGSTOP)
     other = Inbox(f"{Path(page.listener.address).parent}/other")
-    sender = Sender(LiveFeed((page.listener, Listener(other.address, pictures=True))))
+    sender = Sender([page.listener, Listener(other.address, pictures=True)])
     began = time.monotonic()
     for number in range(2000):
         page.show_event(Event("fault", "it fell"))
@@ -428,7 +386,7 @@ def test_suspended_page_delays_nothing_and_catches_up_later(page: WatchPage) -> 
     until(lambda: bool(other.take()))
     assert sender.lost > 0
     os.kill(process.pid, signal.SIGCONT)
-    until(lambda: len(values(page)["faults"]) == KEPT_FAULTS)  # type: ignore[arg-type]
+    until(lambda: len(values(page)["faults"]) == KEPT_FAULTS)
     page.show_event(Event("question", "Ready?"))
     until(lambda: values(page)["question"] == "Ready?")
     sender.send("frame", {**LIFT, "serial": "D1", "time_ns": 1}, JPEG)
@@ -437,20 +395,17 @@ def test_suspended_page_delays_nothing_and_catches_up_later(page: WatchPage) -> 
     other.close()
 
 
-def test_stopped_page_is_ended_with_the_command() -> None:
-    page = WatchPage(watch_address(None), "a", "lifts", 0, 1)
+def test_stopped_page_is_ended_with_the_command_and_an_ended_one_changes_nothing(page: WatchPage) -> None:
+    stopped = WatchPage(watch_address(None), "a")
     process = page_process()
     assert process.pid
     os.kill(process.pid, signal.SIGSTOP)
-    page.close()
+    stopped.close()
     assert not process.is_alive()
-
-
-def test_ended_page_changes_nothing_for_the_command(page: WatchPage) -> None:
     page_process().kill()
     page_process().join(10)
     page.show_event(Event("question", "Ready?"))
-    sender = Sender(LiveFeed((page.listener,)))
+    sender = Sender([page.listener])
     sender.send("frame", {**LIFT, "serial": "D1", "time_ns": 1}, JPEG)
     sender.close()
 
@@ -482,7 +437,7 @@ def test_page_keeps_only_the_newest_values() -> None:
     came = [Message("frame", {**LIFT, "serial": "D1", "time_ns": n}, JPEG + bytes([n])) for n in range(9)]
     came += [Message("frame", {**LIFT, "sender": 8, "serial": "D1", "time_ns": 9}, b"another process's")]
     came += [Message("phase", {**LIFT, "sender": n, "number": n, "phase": "A"}) for n in range(40)]
-    state = WatchState(Progress("a", "lifts", 0, 1), lambda: [came.pop(0) for _ in range(len(came))])
+    state = state_of(came)
     for number in range(2 * KEPT_FAULTS):
         state.progress = state.progress.after(Event("fault", f"fault {number}"))
     assert state.picture("D1") == JPEG + bytes([8])
@@ -499,7 +454,7 @@ def test_angle_curve_has_screen_resolution() -> None:
         return Message("figures", {**LIFT, **FIGURES, "time_ns": 0, "estimate": answers, "truth": []})
 
     came = [figures(0), figures(60)]
-    state = WatchState(Progress("a", "lifts", 0, 1), lambda: [came.pop(0) for _ in range(len(came))])
+    state = state_of(came)
     (lift,) = state.values()["lifts"]
     times = [time_s for time_s, _ in lift["estimate"]]
     assert times == sorted(times)
@@ -512,14 +467,10 @@ def test_angle_curve_has_screen_resolution() -> None:
     assert lift["estimate"][-1][0] == pytest.approx(100.0, abs=0.06), "the newest stay"
 
 
-@pytest.mark.parametrize("at", ["8080", ":8080", "host", "host:", "host:99999", "host:-1", "host:1e3", "h:²"])
-def test_invalid_address_is_rejected(at: str) -> None:
-    with pytest.raises(InputError, match="write host and port"):
-        watch_address(at)
-
-
-def test_address_in_use_is_rejected(still_page: WatchPage) -> None:
-    at = watch_address(urlsplit(still_page.address).netloc)
-    for each in (at, ("a..b", 0)):
+def test_invalid_address_and_address_in_use_are_rejected(still_page: WatchPage) -> None:
+    for text in ("8080", ":8080", "host", "host:", "host:99999", "host:-1", "host:1e3", "h:²"):
+        with pytest.raises(InputError, match="write host and port"):
+            watch_address(text)
+    for each in (watch_address(urlsplit(still_page.address).netloc), ("a..b", 0)):
         with pytest.raises(InputError, match=r"nothing can be served there .*; choose another address"):
             WatchPage(each, "a", "lifts", 0, 1)

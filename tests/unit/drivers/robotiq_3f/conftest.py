@@ -22,16 +22,13 @@ def world() -> World:
 @pytest.fixture(params=["tcp", "rtu"])
 def wire(request: pytest.FixtureRequest, world: World, tmp_path: Path) -> Iterator[tuple[Wire, Link]]:
     """A gripper server for a preset, and the link to it."""
-    clock = HurriedClock(5)
-    if request.param == "rtu":
+    clock, preset = HurriedClock(5), request.param
+    if preset == "rtu":
         fake: Wire = GripperRtu(world, clock, tmp_path / "gripper", activation_s=0.1)
-        fake.start()
-        link = rtu_link(fake.device)
     else:
-        fake = GripperServer(world, clock, preset=request.param, activation_s=0.1)
-        fake.start()
-        link = tcp_link(*fake.address, preset=request.param)
-    yield fake, link
+        fake = GripperServer(world, clock, preset=preset, activation_s=0.1)
+    fake.start()
+    yield fake, rtu_link(fake.device) if preset == "rtu" else tcp_link(*fake.address, preset=preset)
     fake.stop()
 
 

@@ -1,23 +1,24 @@
 """The gripper's driver with a simulated gripper, over TCP and over a serial line."""
 
-import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 from pymodbus.client import ModbusTcpClient
 
 from drivers.clock import SystemClock
-from drivers.errors import DeviceError, DeviceTimeoutError, GripperFaultError, InputError
+from drivers.errors import DeviceTimeoutError, GripperFaultError, InputError
 from drivers.interfaces import Motion
 from drivers.robotiq_3f.gripper import Robotiq3F, tcp_link
 from drivers.robotiq_3f.modbus import Link
-from drivers.robotiq_3f.registers import Command, FaultCode, GraspMode, pack_command, unpack_status
+from drivers.robotiq_3f.registers import MODE_CHANGE_PENDING, Command, GraspMode, pack_command, unpack_status
 from fakes.wire.gripper.server import GripperServer
 from fakes.world.world import World
 from support.connected import connected
 from support.finger_counts import counts_of, opening_m
 from support.gripper_on_wire import Wire, raised_by, reach, written
 from support.marks import long
+from support.waiting import until
 
 
 @pytest.mark.parametrize("wire", ["tcp", "tcp-2014", "rtu"], indirect=True)
@@ -60,9 +61,8 @@ def test_status_without_the_echo_of_the_command_is_ignored(gripper: Robotiq3F, s
     server.inject("deaf")
     motion = gripper.move_to(opening_m(gripper, 30))
     assert not motion.done()
-    error = raised_by(motion.done)
-    assert isinstance(error, DeviceTimeoutError)
-    assert "did not start it" in str(error)
+    with pytest.raises(DeviceTimeoutError, match="did not start it"):
+        raise raised_by(motion.done)
 
 
 def set_mode(server: GripperServer, mode: GraspMode) -> None:
@@ -84,7 +84,7 @@ def moved_after_the_change(gripper: Robotiq3F, counts: int) -> Motion:
         try:
             return gripper.move_to(opening_m(gripper, counts))
         except GripperFaultError as error:
-            if error.code != FaultCode.MODE_CHANGE_PENDING:
+            if error.code != MODE_CHANGE_PENDING:
                 raise
             time.sleep(0.005)
 
@@ -109,23 +109,12 @@ def test_modes_change_only_on_request_and_motions_keep_them(
 def test_stop_ends_an_activation_at_any_moment(world: World, after_s: float) -> None:
     slow = GripperServer(world, SystemClock(), activation_s=60.0)
     slow.start()
-    with connected(Robotiq3F(tcp_link(*slow.address))) as gripper:
-        errors: list[Exception] = []
-
-        def activate() -> None:
-            try:
-                gripper.activate()
-            except DeviceError as error:
-                errors.append(error)
-
-        activation = threading.Thread(target=activate)
-        activation.start()
-        while not gripper._sequence:
-            time.sleep(0.001)
+    with connected(Robotiq3F(tcp_link(*slow.address))) as gripper, ThreadPoolExecutor(1) as pool:
+        activation = pool.submit(gripper.activate)
+        until(lambda: bool(gripper._sequence))
         time.sleep(after_s)
         gripper.stop()
-        activation.join(5.0)
-        assert "activation was ended by a stop" in str(errors[0])
+        assert "activation was ended by a stop" in str(activation.exception(5.0))
         time.sleep(0.05)
         state = gripper.state()
         assert not state.activated
@@ -143,22 +132,13 @@ def test_unknown_fingers_and_presets_are_rejected() -> None:
 
 
 def test_gripper_is_thread_safe(gripper: Robotiq3F) -> None:
-    errors: list[BaseException] = []
-
     def work(number: int) -> None:
-        try:
-            for step in range(20):
-                gripper.state()
-                if number == 0:
-                    gripper.move_to(opening_m(gripper, 20 + step))
-        except BaseException as error:
-            errors.append(error)
+        for step in range(20):
+            gripper.state()
+            if number == 0:
+                gripper.move_to(opening_m(gripper, 20 + step))
 
-    threads = [threading.Thread(target=work, args=(number,)) for number in range(4)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join(10.0)
-    assert errors == []
+    with ThreadPoolExecutor(4) as pool:
+        list(pool.map(work, range(4)))
     assert gripper.counters() == {"failed_requests": 0}
     assert 0.0 < max(gripper.round_trips_s()) < 0.2

@@ -110,19 +110,16 @@ def test_stale_status_of_a_slow_gripper_does_not_end_a_motion(foreign: tuple[Slo
         assert simulated.positions[6] == held < 250
 
 
-def test_disconnecting_stops_a_motion_not_yet_in_the_status(
-    foreign: tuple[SlowGripper, int],
-) -> None:
+def test_disconnecting_stops_a_motion_not_yet_in_the_status(foreign: tuple[SlowGripper, int]) -> None:
     simulated, port = foreign
     with connected(Robotiq3F(tcp_link("127.0.0.1", port))) as gripper:
         gripper.activate()
         gripper.move_to(opening_m(gripper, 250))
     assert not simulated.writes[-1][1][0] & 8, "the last word is not to go on"
-    gripper.connect()
-    time.sleep(3 * REFRESH_S)
-    assert not gripper.state().moving
-    assert counts_of(gripper) < 100
-    gripper.disconnect()
+    with connected(gripper):
+        time.sleep(3 * REFRESH_S)
+        assert not gripper.state().moving
+        assert counts_of(gripper) < 100
 
 
 def test_gripper_with_another_register_map_is_rejected_with_advice(foreign: tuple[SlowGripper, int]) -> None:

@@ -14,22 +14,13 @@ from drivers.robotiq_3f.modbus import PRESETS, Link, StatusClient
 from drivers.robotiq_3f.registers import unpack_status
 
 STATUS = bytes.fromhex("B9 EA 00 FF BC 00 00 C1 00 00 BD 00 00 89 00 00")
-LONGEST = 300
 
 
 def broken(good: bytes, dice: random.Random) -> bytes:
     """A frame as a bad line delivers it: complete, truncated, with changed or added bytes, or random."""
-    kind = dice.randrange(5)
-    if kind == 0:
-        return dice.randbytes(dice.randrange(LONGEST))
-    if kind == 1:
-        return good[: dice.randrange(len(good))]
-    if kind == 2:
-        at = dice.randrange(len(good))
-        return good[:at] + dice.randbytes(1) + good[at + 1 :]
-    if kind == 3:
-        return dice.randbytes(dice.randrange(20)) + good
-    return good + dice.randbytes(dice.randrange(20))
+    at, noise = dice.randrange(len(good)), dice.randbytes(dice.randrange(20))
+    changed = good[:at] + dice.randbytes(1) + good[at + 1 :]
+    return dice.choice((dice.randbytes(dice.randrange(300)), good[:at], changed, noise + good, good + noise))
 
 
 def chunks(data: bytes, dice: random.Random) -> Iterator[bytes]:

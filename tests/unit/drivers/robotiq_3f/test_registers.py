@@ -7,11 +7,9 @@ from hypothesis import strategies as st
 from drivers.errors import DeviceError, OutOfLimitsError
 from drivers.robotiq_3f.registers import (
     AXES,
-    FAULT_TEXTS,
     AxisRequest,
     AxisState,
     Command,
-    FaultCode,
     GraspMode,
     MotionStatus,
     ObjectStatus,
@@ -44,6 +42,9 @@ def image(data: str) -> tuple[int, ...]:
     return tuple(int.from_bytes(values[at : at + 2], "big") for at in range(0, 16, 2))
 
 
+EACH = (AxisRequest(1, 2, 3), AxisRequest(4, 5, 6), AxisRequest(7, 8, 9), AxisRequest(10, 11, 12))
+
+
 def whole_hand(position: int) -> Command:
     asked = AxisRequest(position, speed=255, force=255)
     return Command(activate=True, go_to=True, axes=(asked, *[AxisRequest()] * 3))
@@ -56,28 +57,24 @@ def whole_hand(position: int) -> Command:
         (whole_hand(255), "09 00 00 FF FF FF"),
         (whole_hand(0), "09 00 00 00 FF FF"),
         (Command(), "00 00 00 00 00 00"),
+        (
+            Command(True, GraspMode.WIDE, True, individual_fingers=True, axes=EACH),
+            "0D 04 00 01 02 03 04 05 06 07 08 09 0A 0B 0C",
+        ),
     ],
 )
 def test_command_registers_match_the_manual(command: Command, written: str) -> None:
     assert pack_command(command) == image(written)
 
 
-def test_individual_requests_are_packed_in_the_bytes_of_their_fingers() -> None:
-    axes = (AxisRequest(1, 2, 3), AxisRequest(4, 5, 6), AxisRequest(7, 8, 9), AxisRequest(10, 11, 12))
-    command = Command(activate=True, mode=GraspMode.WIDE, go_to=True, individual_fingers=True, axes=axes)
-    assert pack_command(command) == image("0D 04 00 01 02 03 04 05 06 07 08 09 0A 0B 0C")
-
-
 def test_status_of_a_finished_grip_matches_the_manual() -> None:
     status = unpack_status(image("B9 EA 00 FF BC 00 00 C1 00 00 BD 00 00 89 00 00"))
-    assert status.ready
-    assert status.go_to
-    assert status.motion is MotionStatus.ALL_STOPPED_EARLY
+    assert (status.ready, status.go_to, status.motion) == (True, True, MotionStatus.ALL_STOPPED_EARLY)
     assert [axis.status for axis in status.axes[:3]] == [ObjectStatus.CONTACT_CLOSING] * 3
     assert status.axis("S").status is ObjectStatus.AT_REQUEST
     assert status.axis("A").requested == 0xFF
     assert [status.axis(name).position for name in AXES] == [0xBC, 0xC1, 0xBD, 0x89]
-    assert status.fault == FaultCode.NONE
+    assert status.fault == 0
 
 
 @pytest.mark.parametrize(
@@ -111,8 +108,7 @@ def test_invalid_register_images_and_counts_are_rejected() -> None:
             pack_command(whole_hand(position))  # type: ignore[arg-type]
 
 
-def test_every_fault_code_has_a_name_and_a_remedy() -> None:
-    assert set(FAULT_TEXTS) == set(FaultCode) - {FaultCode.NONE}
+def test_fault_codes_have_a_meaning_and_a_remedy() -> None:
     assert "0x0D, activation failed; free the fingers" in fault_code_text(0x0D)
     assert "0x42, which is not in the manual" in fault_code_text(0x42)
 

@@ -13,7 +13,7 @@ from drivers.interfaces import Motion
 from drivers.robotiq_3f.gripper import Robotiq3F, tcp_link
 from fakes.wire.gripper.server import GripperServer
 from support.finger_counts import opening_m
-from support.gripper_on_wire import HurriedClock, raised_by
+from support.gripper_on_wire import HurriedClock, raised_by, written
 from support.worlds import empty_world
 
 OPEN, CLOSED = 6, 255
@@ -125,11 +125,13 @@ class GripperRun(RuleBasedStateMachine):
             self.server.inject("fault", code=code)
         else:
             self.server.inject("power_lost", duration_s=0.0)
-        error = raised_by(self.gripper.state)
-        assert isinstance(error, GripperFaultError)
-        assert error.code == (code or 5)
+        with pytest.raises(GripperFaultError) as raised:
+            raise raised_by(self.gripper.state)
+        assert raised.value.code == (code or 5)
         to_m = opening_m(self.gripper, 50)
         self.refuses(GripperFaultError, lambda: self.gripper.move_to(to_m), code=code or 5)
+        self.refuses(GripperFaultError, self.gripper.state, code=code or 5)
+        assert code or written(self.server) == bytes(16), "nothing is sent after a lost activation"
         self.activate()
 
     def teardown(self) -> None:

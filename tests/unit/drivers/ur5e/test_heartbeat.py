@@ -1,17 +1,19 @@
 """How long an unpolled motion may continue, depending on its speed and on the state of its program."""
 
 import os
+import re
 import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
-from drivers.clock import SystemClock, to_ns
+from drivers.clock import to_ns
 from drivers.ur5e.heartbeat import BRAKE_M_S2, LONGEST_S, MOST_WAY_M, Heartbeat, Program, silence_limit_s
 from drivers.ur5e.shared_state import SharedState
 from support.waiting import until
@@ -38,28 +40,12 @@ def test_unpolled_motion_stops_within_the_allowed_distance(speed_m_s: float) -> 
     assert limit_s * speed_m_s + speed_m_s**2 / (2 * BRAKE_M_S2) <= MOST_WAY_M
 
 
-class Control:
-    """A controller with a motion that continues until it is stopped."""
-
-    def __init__(self) -> None:
-        self.running, self.stops = True, 0
-
-    def getAsyncOperationProgressEx(self) -> SimpleNamespace:  # noqa: N802
-        return SimpleNamespace(isAsyncOperationRunning=lambda: self.running)
-
-    def stopL(self, deceleration: float, asynchronous: bool) -> None:  # noqa: N802
-        self.stops += 1
-
-
 class ScriptedProgram(Program):
     """A program that waits for a core for a fraction of the time."""
 
-    def __init__(self, waits: float = 0.0) -> None:
+    def __init__(self, waits: float) -> None:
         super().__init__(os.getpid())
         self.waits, self.state, self.ran_ns = waits, "R", 0
-
-    def pass_time(self, duration_ns: int) -> None:
-        self.ran_ns += round((1.0 - self.waits) * duration_ns)
 
     def is_stopped(self) -> bool:
         return self.state == "T"
@@ -71,117 +57,109 @@ class ScriptedProgram(Program):
         return self.ran_ns
 
 
-class SteppedClock(SystemClock):
-    """A clock that the test sets."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.time_ns = to_ns(100.0)
-
-    def now_ns(self) -> int:
-        return self.time_ns
-
-
-@pytest.fixture
-def state() -> Iterator[SharedState]:
-    state = SharedState()
-    yield state
-    state.close()
-
-
 class Watched:
-    """A motion at approach speed, just begun."""
+    """A motion at approach speed, just begun, that continues until it is stopped; the test sets the clock."""
 
-    def __init__(self, state: SharedState, program: ScriptedProgram) -> None:
-        self.control, self.clock, self.state, self.program = Control(), SteppedClock(), state, program
-        self.heartbeat = Heartbeat(self.control, self.state, program, self.clock)
+    def __init__(self, state: SharedState, waits: float = 0.0) -> None:
+        self.time_ns, self.running, self.stops = to_ns(100.0), True, 0
+        self.state, self.program = state, ScriptedProgram(waits)
+        control = SimpleNamespace(
+            getAsyncOperationProgressEx=lambda: SimpleNamespace(isAsyncOperationRunning=lambda: self.running),
+            stopL=self._stop,
+        )
+        clock: Any = SimpleNamespace(now_ns=lambda: self.time_ns)
+        self.heartbeat = Heartbeat(control, state, self.program, clock)
         self.heartbeat.check()
         self.heartbeat.begin(SPEED_M_S)
 
+    def _stop(self, deceleration_m_s2: float, asynchronous: bool) -> None:
+        assert (deceleration_m_s2, asynchronous) == (BRAKE_M_S2, True)
+        self.stops += 1
+
     def wait(self, duration_s: float) -> None:
-        end_ns = self.clock.time_ns + to_ns(duration_s)
-        while self.clock.time_ns < end_ns:
+        end_ns = self.time_ns + to_ns(duration_s)
+        while self.time_ns < end_ns:
             self.pass_unchecked(0.005)
             self.heartbeat.check()
 
     def pass_unchecked(self, duration_s: float) -> None:
         """Suspend or occupy the command process."""
-        self.clock.time_ns += to_ns(duration_s)
-        self.program.pass_time(to_ns(duration_s))
+        self.time_ns += to_ns(duration_s)
+        self.program.ran_ns += round((1.0 - self.program.waits) * to_ns(duration_s))
 
     def look(self) -> None:
-        self.state.note_poll(self.clock.time_ns)
+        self.state.note_poll(self.time_ns)
 
 
-def test_motion_is_stopped_once_when_polling_ends_and_not_before(state: SharedState) -> None:
-    watched = Watched(state, ScriptedProgram())
+@pytest.fixture
+def watch() -> Iterator[Callable[..., Watched]]:
+    """Begins to watch a motion: `watch(waits=1.0)`."""
+    state = SharedState()
+    yield lambda waits=0.0: Watched(state, waits)
+    state.close()
+
+
+def test_motion_is_stopped_once_when_polling_ends_and_not_before(watch: Callable[..., Watched]) -> None:
+    watched = watch()
     for _ in range(100):
         watched.look()
         watched.wait(0.030)
-    assert (watched.control.stops, watched.heartbeat.halted) == (0, "")
+    assert (watched.stops, watched.heartbeat.halted) == (0, "")
     watched.wait(1.5 * LIMIT_S)
-    assert watched.control.stops == 1
+    assert watched.stops == 1
     assert "it hangs" in watched.heartbeat.halted
     watched.heartbeat.begin(SPEED_M_S)
     assert watched.heartbeat.halted == ""
-    watched.control.running = False  # the motion has ended without a poll, so there is nothing to stop
+    watched.running = False  # the motion has ended without a poll, so there is nothing to stop
     watched.wait(0.1)
-    assert (watched.control.stops, watched.heartbeat.halted) == (1, "")
+    assert (watched.stops, watched.heartbeat.halted) == (1, "")
 
 
-def test_program_without_a_core_gets_more_time_up_to_the_limit(state: SharedState) -> None:
-    watched = Watched(state, ScriptedProgram(waits=1.0))
+def test_program_without_a_core_gets_more_time_up_to_the_limit(watch: Callable[..., Watched]) -> None:
+    watched = watch(waits=1.0)
     for _ in range(3):
         watched.wait(LONGEST_S - 0.01)
         watched.look()  # late, but it came
-    assert watched.control.stops == 0
+    assert watched.stops == 0
     watched.wait(LONGEST_S + 0.02)
-    assert watched.control.stops == 1
+    assert watched.stops == 1
     assert "too busy" in watched.heartbeat.halted
 
 
-def test_stalled_host_is_reported_instead_of_a_hanging_program(state: SharedState) -> None:
-    watched = Watched(state, ScriptedProgram())
-    watched.look()
-    watched.pass_unchecked(0.5)  # a virtual machine that was held: neither the program nor who watches it ran
-    watched.heartbeat.check()
-    assert watched.control.stops == 1
-    assert "0.50 s of it the supervising process did not run" in watched.heartbeat.halted
-
-
-def test_wait_for_a_slow_controller_is_not_counted_as_silence(
-    state: SharedState,
-) -> None:
-    watched = Watched(state, ScriptedProgram())
+def test_wait_for_a_slow_controller_is_not_counted_as_silence(watch: Callable[..., Watched]) -> None:
+    watched = watch()
     watched.wait(0.020)
     watched.look()
-    asked_ns = watched.clock.time_ns
+    asked_ns = watched.time_ns
     watched.pass_unchecked(0.75)  # the process that commands waits as well
     watched.heartbeat.answered(asked_ns)
     watched.wait(0.9 * LIMIT_S)
-    assert watched.control.stops == 0
+    assert watched.stops == 0
     watched.wait(0.2 * LIMIT_S)
-    assert watched.control.stops == 1
+    assert watched.stops == 1
 
 
-@pytest.mark.parametrize(("waits", "stops"), [(1.0, 0), (0.0, 1)])
-def test_hanging_program_is_distinguished_from_one_without_a_core(
-    state: SharedState, waits: float, stops: int
+@pytest.mark.parametrize(
+    ("waits", "looks_s", "unchecked_s", "state", "said"),
+    [
+        (1.0, 0.010, 3 * LIMIT_S, "R", ""),  # it gets no core
+        (0.0, 0.010, 3 * LIMIT_S, "R", "it hangs|did not run"),
+        # a virtual machine that was held: neither the program nor the process that watches it ran
+        (0.0, 0.0, 0.5, "R", r"0\.50 s of it the supervising process did not run"),
+        (0.0, 0.025, 0.0, "T", "SIGSTOP"),
+    ],
+)
+def test_hanging_suspended_and_busy_programs_are_distinguished(
+    watch: Callable[..., Watched], waits: float, looks_s: float, unchecked_s: float, state: str, said: str
 ) -> None:
-    watched = Watched(state, ScriptedProgram(waits))
+    watched = watch(waits)
     watched.look()
-    watched.wait(0.010)
-    watched.pass_unchecked(3 * LIMIT_S)
+    watched.program.state = state
+    watched.wait(looks_s)
+    watched.pass_unchecked(unchecked_s)
     watched.heartbeat.check()
-    assert watched.control.stops == stops
-
-
-def test_suspended_program_stops_the_arm_at_once(state: SharedState) -> None:
-    watched = Watched(state, ScriptedProgram())
-    watched.program.state = "T"
-    watched.wait(0.025)
-    assert watched.control.stops == 1
-    assert "SIGSTOP" in watched.heartbeat.halted
+    assert watched.stops == bool(said)
+    assert re.search(said, watched.heartbeat.halted)
 
 
 @pytest.fixture

@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -45,43 +46,26 @@ def digit(server: MjpegServer) -> Iterator[Digit]:
         yield digit
 
 
-def until(digit: Digit, kind: str, count: int = 1) -> None:
-    """Read until a counter has grown by a number."""
-    target = digit.counters()[kind] + count
+def until(digit: Digit, kind: str, count: int = 1, said: str = "") -> None:
+    """Read until a counter has grown by a number, and an error contains these words."""
+    target, last = digit.counters()[kind] + count, ""
     ends = time.monotonic() + LIMIT_S
-    while digit.counters()[kind] < target:
-        assert time.monotonic() < ends, digit.counters()
-        try:
-            digit.next_frame(0.1)
-        except DeviceTimeoutError:
-            continue
-
-
-def said_in_the_end(digit: Digit, words: str) -> str:
-    """Request frames until the error contains these words. The benchmark measures the delay."""
-    ends, said = time.monotonic() + LIMIT_S, ""
-    while words not in said and time.monotonic() < ends:
+    while digit.counters()[kind] < target or said not in last:
+        assert time.monotonic() < ends, (digit.counters(), last)
         try:
             digit.next_frame(0.2)
         except DeviceTimeoutError as error:
-            said = str(error)
-    return said
+            last = str(error)
 
 
-def test_frames_are_upright_and_keep_the_received_bytes(digit: Digit) -> None:
+def test_frames_after_the_green_ones_are_upright_and_keep_the_received_bytes(digit: Digit) -> None:
     frame = digit.next_frame(1.0)
+    assert (digit.counters()["warm_up"], digit.counters()["green"]) == (10, 0)
     assert frame.image.shape == (320, 240, 3)
     assert frame.jpeg is not None
     assert np.array_equal(decode(frame.jpeg), frame.image)
     assert np.abs(frame.image.astype(int) - drawn(frame.time_ns).astype(int)).mean() < 3.0
     assert np.abs(frame.image.astype(int) - np.rot90(drawn(frame.time_ns), 2).astype(int)).mean() > 10.0
-
-
-def test_the_first_green_images_are_discarded(server: MjpegServer, digit: Digit) -> None:
-    assert server.snapshot()["served"] >= 3
-    digit.next_frame(1.0)
-    assert digit.counters()["warm_up"] == 10
-    assert digit.counters()["green"] == 0
 
 
 @pytest.mark.slow
@@ -117,16 +101,15 @@ def test_light_is_set_again_after_reopening(server: MjpegServer, digit: Digit, l
         digit.set_light(1.1, 0.0, 0.0)
 
 
-def test_light_set_while_disconnected_is_set_on_connecting(server: MjpegServer, light: list[Any]) -> None:
+def test_light_set_while_disconnected_is_set_on_connecting_and_needs_leds(
+    server: MjpegServer, light: list[Any], tmp_path: Path
+) -> None:
     digit = Digit("D1", 60.0, address=server.url)
     digit.set_light(0.0, 0.0, 1.0)
-    digit.connect()
-    digit.disconnect()
+    with connected(digit):
+        pass
     digit.set_light(0.0, 1.0, 0.0)
     assert light == [(0.0, 0.0, 1.0)]
-
-
-def test_setting_light_without_leds_is_an_error(tmp_path) -> None:
     write_folder(tmp_path, drawn, 60.0, 30)
     with connected(Digit("D1", 60.0, address=str(tmp_path))) as digit:
         with pytest.raises(DeviceError, match="no LEDs"):
@@ -147,10 +130,10 @@ def test_damaged_images_are_withheld_counted_and_named(
     assert digit.counters()[counter] == 5
     assert digit.counters()["reopened"] == 0
     server.inject(fault)
-    assert words in said_in_the_end(digit, words)
+    until(digit, counter, said=words)
 
 
-def test_dropped_frames_leave_gaps_in_the_sequence_numbers(server: MjpegServer, digit: Digit) -> None:
+def test_dropped_frames_leave_gaps_and_frozen_ones_are_counted(server: MjpegServer, digit: Digit) -> None:
     first = digit.next_frame(1.0).sequence
     server.inject("drop", frames=4)
     until(digit, "dropped", 4)
@@ -159,9 +142,6 @@ def test_dropped_frames_leave_gaps_in_the_sequence_numbers(server: MjpegServer, 
     assert frames[-1] - frames[0] >= 4
     assert server.snapshot()["withheld"] == 4
     assert len(server.snapshot()["ranges"]) == 2
-
-
-def test_frozen_sensor_is_counted_per_frame(server: MjpegServer, digit: Digit) -> None:
     server.inject("freeze", frames=6)
     until(digit, "frozen", 6)
     for _ in range(5):
@@ -173,7 +153,7 @@ def test_frozen_sensor_is_counted_per_frame(server: MjpegServer, digit: Digit) -
 def test_lost_sensor_is_reopened_and_its_sequence_continues(server: MjpegServer, digit: Digit) -> None:
     before = digit.next_frame(1.0)
     server.inject("disconnect")
-    assert "opening it again" in said_in_the_end(digit, "opening it again")
+    until(digit, "frames", 0, said="opening it again")
     server.inject("clear")
     until(digit, "reopened")
     after = digit.newest_frame(1.0)

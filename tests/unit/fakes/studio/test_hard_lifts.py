@@ -5,21 +5,17 @@ import hashlib
 import cv2
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 
 from drivers.clock import to_ns
-from drivers.types import Pose
 from fakes.clock import SimulatedClock
 from fakes.devices.digit import DigitPlan, FakeDigit
 from fakes.faults import FaultScript
 from fakes.gel.pad import GelPad, Imprint
 from fakes.gel.variation import Variation
-from fakes.objects.catalogue import find_object
 from fakes.objects.surfaces import KINDS, Bulge, soft_surface
 from fakes.studio.conditions import Difficulty, draw_conditions
 from fakes.world.mirror import MirroredWorld, snapshot_of
-from fakes.world.motion import FingerPath, ToolPath, TrapezoidProfile
-from fakes.world.world import BenchLayout, World
+from support.worlds import lifting_world
 
 LINES = ("lines", "edge", "corner")
 """Kinds of soft faces of which little more than a line or two turns."""
@@ -32,23 +28,6 @@ GOLDEN = {
     ("SIM-D0002", -1, "t5"): "37e52a0327b0eb28",
 }
 """Of frames drawn before there were hard lifts."""
-
-
-def lifting_world(name: str, seed: int = 1) -> World:
-    """Return a world in which the fingers have closed on an object and lift it from 0.5 s on."""
-    model = find_object(name)
-    site, down = model.sites[0], Rotation.from_euler("x", 180, degrees=True)
-    table = Pose((0.45, 0.0, 0.06))
-    start = Pose.from_rotation(table.translated(x_m=site.offset_m).position_m, down)
-    world = World(BenchLayout(base_T_table=table, home=start), seed)
-    world.place(model)
-    layout = world.layout
-    counts = layout.open_counts + (layout.max_opening_m - site.width_m) / layout.opening_per_count_m + 4
-    world.fingers = FingerPath.resting(counts)
-    world.tool = ToolPath.between(
-        start, start.translated(z_m=0.08), TrapezoidProfile(to_ns(0.5), 0.08, 0.05, 0.5)
-    )
-    return world
 
 
 def digit(name: str, serial: str, side: int, difficulty: Difficulty = "easy", seed: int = 1) -> FakeDigit:

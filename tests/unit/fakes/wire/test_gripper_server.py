@@ -60,11 +60,8 @@ def talk_hex(line: GripperRtu, frame: str, timeout_s: float = 1.0) -> str:
 
 def replies_until(ask: Callable[[], str], beginning: str) -> list[str]:
     """All replies up to one that begins so; fails when none does."""
-    replies, give_up = [ask()], time.monotonic() + 120.0
-    while not replies[-1].startswith(beginning):
-        assert time.monotonic() < give_up, replies[-3:]
-        time.sleep(0.01)
-        replies.append(ask())
+    replies: list[str] = []
+    until(lambda: replies.append(ask()) or replies[-1].startswith(beginning), limit_s=120.0)
     return replies
 
 
@@ -107,24 +104,14 @@ def test_another_master_over_tcp(server: GripperServer) -> None:
     client = client_module.ModbusClient(host, port, unit_id=9, timeout=120)
     assert client.read_input_registers(0, 8) == [0, 0, 0x0600, 0x0006, 0, 0x0600, 0x0089, 0]
     assert client.write_single_register(0, 0x0100)
-    assert _becomes(lambda: client.read_holding_registers(0, 1), [0x3100])
+    until(lambda: client.read_holding_registers(0, 1) == [0x3100])
     assert client.write_multiple_registers(0, [0x0900, 0x0030, 0xFFFF])
-    assert _becomes(lambda: client.read_input_registers(0, 2), [0xF9FF, 0x0030])
+    until(lambda: client.read_input_registers(0, 2) == [0xF9FF, 0x0030])
     assert client.write_read_multiple_registers(0, [0x0900, 0x0000, 0xFFFF], 0, 2)
-    assert _becomes(lambda: client.read_input_registers(0, 3), [0xF9FF, 0x0000, 0x0600])
+    until(lambda: client.read_input_registers(0, 3) == [0xF9FF, 0x0000, 0x0600])
     assert client.read_input_registers(7, 2) is None
     assert client.last_except == 2, "illegal data address"
     client.close()
-
-
-def _becomes(ask: Callable[[], list[int] | None], wanted: list[int], limit_s: float = 10.0) -> bool:
-    """Wait until registers have given values; return whether they have."""
-    give_up = time.monotonic() + limit_s
-    while ask() != wanted:
-        if time.monotonic() > give_up:
-            return False
-        time.sleep(0.01)
-    return True
 
 
 def test_rtu_frames_are_the_manuals(line: GripperRtu) -> None:

@@ -13,15 +13,13 @@ import pytest
 
 from drivers.clock import to_ns
 from drivers.errors import DeviceError, InputError
-from drivers.types import Pose
 from fakes.objects.catalogue import find_object
-from fakes.wire.gripper.server import GripperRtu, GripperServer
+from fakes.wire.gripper.server import GripperModel
 from fakes.wire.host.host import Addresses
 from fakes.wire.net import Control, ControlServer, require_free, taken_ports
 from fakes.world.mirror import MirroredWorld, Track, snapshot_of
-from fakes.world.motion import FingerPath, ToolPath, TrapezoidProfile
 from fakes.world.world import World
-from rig.bench.assembly import build_real_bench, simulated_bench_plan
+from rig.bench.assembly import build_real_bench
 from rig.bench.fakes_process import addressed, fakes_control, hosted_fakes
 from rig.bench.twins import laid_as
 from rig.config import BenchConfig, load_bench
@@ -29,31 +27,15 @@ from rig.config.load import parse_bench
 from rig.config.objects import new_object_text, parse_object
 from rig.config.write import bench_text
 from support.finger_counts import opening_m
+from support.worlds import lifting_world
 
 PLAIN = laid_as([parse_object(new_object_text("lever"), "lever.toml")], "lever")
 """An object that only its file describes."""
 
 
-def lifted_world(text: str = "t1") -> World:
-    """A world whose fingers close on an object within 1 s, and whose tool rises from then on."""
-    plan = simulated_bench_plan(load_bench("fake"))
-    world = World(plan.layout, 3)
-    world.place(find_object(text), seed=5)
-    table = plan.layout.base_T_table
-    site = find_object(text).sites[0]
-    grasp = Pose.from_rotation(table.translated(x_m=site.offset_m).position_m, plan.layout.home.rotation)
-    closed = 6.0 + (plan.layout.max_opening_m - site.width_m + 0.004) / plan.layout.opening_per_count_m
-    world.tool = ToolPath.resting(grasp)
-    world.fingers = FingerPath(6.0, closed, TrapezoidProfile(0, closed - 6.0, 400.0, 4000.0))
-    world.state_at(to_ns(1.0))
-    rising = TrapezoidProfile(to_ns(1.0), 0.08, 0.1, 1.0)
-    world.tool = ToolPath.between(grasp, grasp.translated(z_m=0.08), rising)
-    return world
-
-
 @pytest.mark.parametrize("text", ["t1", PLAIN])
 def test_mirrored_world_equals_the_world(text: str) -> None:
-    world = lifted_world(text)
+    world = lifting_world(text, seed=5)
     mirror = MirroredWorld(world.layout, snapshot_of(world, to_ns(1.0)))
     for step in range(1, 251):
         mirror.feed(snapshot_of(world, to_ns(1.0 + 0.004 * step)))
@@ -195,8 +177,12 @@ def test_printed_bench_file_is_read_back_with_its_addresses(transport: str, tmp_
 def test_gripper_is_served_as_configured_in_the_bench_file(
     gripper: dict[str, Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    for server in (GripperServer, GripperRtu):
-        monkeypatch.setattr(f"fakes.wire.host.host.{server.__name__}", _soon_activated(server))
+    def soon_activated(
+        world: World, now_ns: int, fingers: tuple[str, ...], activation_s: float
+    ) -> GripperModel:
+        return GripperModel(world, now_ns, fingers, activation_s=0.1)
+
+    monkeypatch.setattr("fakes.wire.gripper.server.GripperModel", soon_activated)
     config = _with_gripper(**gripper)
     fingers = [{"finger": name} for name in config.gripper.fingers]
     tactile = tuple(t.model_copy(update=f) for t, f in zip(config.tactile, fingers, strict=True))
@@ -220,16 +206,6 @@ def test_invalid_version_string_is_rejected() -> None:
         hosted_fakes(load_bench("wire"), host=None, polyscope="latest"),
     ):
         pass
-
-
-def _soon_activated(server: type[Any]) -> type[Any]:
-    """The same gripper, without the three seconds that its activation takes."""
-
-    class Quick(server):  # type: ignore[misc]
-        def __init__(self, *arguments: Any, **more: Any) -> None:
-            super().__init__(*arguments, **more, activation_s=0.1)
-
-    return Quick
 
 
 def _with_gripper(**changes: Any) -> BenchConfig:

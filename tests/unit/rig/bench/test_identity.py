@@ -43,14 +43,6 @@ def bench(control: str | None, **changed: Any) -> BenchConfig:
     return BenchConfig.model_validate(values)
 
 
-def test_bench_is_simulated_if_fakes_confirm_every_device(control: ControlServer) -> None:
-    prove_simulated(bench(control.address))
-    operator = simulated_operator(bench(control.address), SystemClock(), seed=0)
-    operator.confirm("Anything?")
-    operator.look("Anything?")
-    operator.place("t1", "wrench")
-
-
 @pytest.mark.parametrize(
     ("changed", "named"),
     [
@@ -75,10 +67,13 @@ def test_one_unconfirmed_device_makes_the_bench_real_and_its_fakes_an_error(
         pass
 
 
-def test_bench_is_not_simulated_if_its_fakes_do_not_answer(control: ControlServer) -> None:
+def test_bench_is_simulated_as_long_as_its_fakes_confirm_every_device(control: ControlServer) -> None:
     config = bench(control.address)
+    prove_simulated(config)
     operator = simulated_operator(config, SystemClock(), seed=0)
     operator.confirm("Activate it now?")
+    operator.look("Anything?")
+    operator.place("t1", "wrench")
     control.stop()
     for ask in (operator.confirm, operator.look, operator.nudge):
         with pytest.raises(InputError, match="no answer"):

@@ -10,6 +10,8 @@ import pytest
 from drivers.clock import NS_PER_S, SystemClock
 from drivers.errors import DeviceError, InputError, RigError
 from drivers.images import encode_jpeg, encode_png
+from drivers.interfaces import FrameSource
+from drivers.types import Frame
 from drivers.video.digit import Digit
 from drivers.video.external_camera import GEL_PX, RAW_PX, ExternalCamera, GelSightMini, crop_gel
 from drivers.video.v4l2 import VideoNode
@@ -24,6 +26,14 @@ def plugged(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
         monkeypatch.setattr(live_source, "list_video_nodes", lambda: list(nodes))
 
     return plug
+
+
+def test_address_is_read_at_the_rate_of_its_frames() -> None:
+    address = "http://127.0.0.1:9/stream.mjpg"
+    (camera,), (digit,) = live_sources([address], None, None), live_sources([address], "digit", 30.0)
+    assert isinstance(camera, ExternalCamera)
+    assert isinstance(digit, Digit)
+    assert digit.rate_hz == 30.0
 
 
 def test_fake_fingertips_see_one_object_from_both_sides() -> None:
@@ -98,14 +108,6 @@ def test_unreadable_device_names_the_group(
         live_sources(["D20641"], None, None)
 
 
-def test_address_is_read_at_the_rate_of_its_frames() -> None:
-    address = "http://127.0.0.1:9/stream.mjpg"
-    (camera,), (digit,) = live_sources([address], None, None), live_sources([address], "digit", 30.0)
-    assert isinstance(camera, ExternalCamera)
-    assert isinstance(digit, Digit)
-    assert digit.rate_hz == 30.0
-
-
 def video(path: Path, width: int, height: int) -> str:
     """A grey video of three frames at 25 Hz."""
     writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 25.0, (width, height))
@@ -125,16 +127,16 @@ def test_video_and_folder_run_at_their_own_pace(tmp_path: Path) -> None:
         live_sources([str(folder)] * 2, None, None)
 
 
-def test_video_of_a_gelsight_mini_is_cropped(tmp_path: Path) -> None:
+def test_frames_of_a_gelsight_mini_are_cropped_to_the_gel(tmp_path: Path) -> None:
     (source,) = live_sources([video(tmp_path / "mini.avi", 640, 480)], "gelsight-mini", None)
-    source.connect()
-    frame = source.next_frame(2.0)
-    source.disconnect()
-    assert frame.image.shape == (GEL_PX[1], GEL_PX[0], 3)
-    assert (frame.serial, source.rate_hz) == ("mini.avi", 25.0)
-
-
-def test_border_of_a_gelsight_mini_is_cut_off() -> None:
+    raw = np.zeros((RAW_PX[1], RAW_PX[0], 3), np.uint8)
+    raw[400:-400, 540:-540] = (200, 60, 20)
+    (tmp_path / "1.jpg").write_bytes(encode_jpeg(raw, 90))
+    of_video, full = (first_frame(each) for each in (source, GelSightMini("M", str(tmp_path), 25.0)))
+    assert of_video.image.shape == full.image.shape == (GEL_PX[1], GEL_PX[0], 3)
+    assert (of_video.serial, source.rate_hz) == ("mini.avi", 25.0)
+    assert np.abs(full.image[20:-20, 20:-20].astype(int) - (200, 60, 20)).max() <= 4, "red stays red"
+    assert full.image[0, 0].max() <= 4, "dark where the border of 0.15 ends"
     image = np.zeros((480, 640, 3), np.uint8)
     image[72:408, 96:544] = 200
     cropped = crop_gel(image)
@@ -143,14 +145,8 @@ def test_border_of_a_gelsight_mini_is_cut_off() -> None:
     assert crop_gel(cropped) is cropped, "published frames are cropped already"
 
 
-def test_full_frame_of_a_gelsight_mini_is_decoded_at_a_quarter_and_cropped(tmp_path: Path) -> None:
-    image = np.zeros((RAW_PX[1], RAW_PX[0], 3), np.uint8)
-    image[400:-400, 540:-540] = (200, 60, 20)
-    (tmp_path / "1.jpg").write_bytes(encode_jpeg(image, 90))
-    mini = GelSightMini("M", str(tmp_path), 25.0)
-    mini.connect()
-    frame = mini.next_frame(5.0)
-    mini.disconnect()
-    assert frame.image.shape == (GEL_PX[1], GEL_PX[0], 3)
-    assert np.abs(frame.image[20:-20, 20:-20].astype(int) - (200, 60, 20)).max() <= 4, "red stays red"
-    assert frame.image[0, 0].max() <= 4, "dark where the border of 0.15 ends"
+def first_frame(source: FrameSource) -> Frame:
+    source.connect()
+    frame = source.next_frame(5.0)
+    source.disconnect()
+    return frame

@@ -16,6 +16,7 @@ from protocols.grasps import load_grasp_files
 from protocols.readiness import make_ready
 from rig.bench.assembly import build_bench
 from rig.bench.operators import ConsoleOperator
+from rig.bench.plan import Plan
 from rig.bench.source import StandingBench, session_bench
 from rig.config import BenchConfig, load_bench
 from rig.experiments.lift_plan import TrialSettings
@@ -35,18 +36,25 @@ def real_bench() -> BenchConfig:
     return BenchConfig.model_validate(config)
 
 
+def planned(changes: dict[str, dict[str, Any]], objects: list[str]) -> Plan:
+    """Return the plan of a trial on a real bench with changed keys."""
+    values = real_bench().model_dump()
+    bench = {section: {**values[section], **changed} for section, changed in changes.items()}
+    return trial_plan(
+        TrialSettings(BenchConfig.model_validate(values | bench), 0, choose_estimator()), objects, 1
+    )
+
+
 @pytest.mark.parametrize(
-    ("section", "changes", "said"),
+    ("changes", "said"),
     [
-        ("arm", {"limits": {"workspace_max_m": (0.75, 0.35, 0.05)}}, "leaves the workspace"),
-        ("arm", {"limits": {"max_speed_m_s": 0.2}}, "0.250 m/s is more than 0.2 m/s"),
-        ("table", {"position_m": (0.74, 0.34, 0.25)}, "it reaches 0.85 m"),
+        ({"arm": {"limits": {"workspace_max_m": (0.75, 0.35, 0.05)}}}, "leaves the workspace"),
+        ({"arm": {"limits": {"max_speed_m_s": 0.2}}}, "0.250 m/s is more than 0.2 m/s"),
+        ({"table": {"position_m": (0.74, 0.34, 0.25)}}, "it reaches 0.85 m"),
     ],
 )
-def test_plan_lists_motions_that_would_be_rejected(section: str, changes: dict[str, Any], said: str) -> None:
-    values = real_bench().model_dump()
-    values[section] = {**values[section], **changes}
-    plan = trial_plan(TrialSettings(BenchConfig.model_validate(values), 0, choose_estimator()), ["t1"], 1)
+def test_plan_lists_motions_that_would_be_rejected(changes: dict[str, dict[str, Any]], said: str) -> None:
+    plan = planned(changes, ["t1"])
     assert len(plan.refused) == 1
     assert plan.refused[0].startswith("t1/1 wrench: ")
     assert said in plan.refused[0]
@@ -60,10 +68,8 @@ def test_object_wider_than_the_opening_is_rejected_before_any_question() -> None
     wide = next(f for f in load_grasp_files().values() if max(p.width_m for p in f.position) > 0.09)
     with pytest.raises(InputError, match=r"too wide.*open 90\.0 mm"):
         recording_plan(RecordSettings(bench, 0, wide, 15, 225))
-    narrow = values["gripper"]["limits"] | {"max_opening_m": 0.015}
-    bench = BenchConfig.model_validate(values | {"gripper": values["gripper"] | {"limits": narrow}})
     with pytest.raises(InputError, match=r"object t1 wrench, .*too wide"):
-        trial_plan(TrialSettings(bench, 0, choose_estimator()), ["t1"], 5)
+        planned({"gripper": {"limits": {"max_opening_m": 0.015}}}, ["t1"])
 
 
 def test_nothing_is_connected_before_consent_and_the_question_shows_the_speed_slider(
@@ -130,7 +136,7 @@ def test_protective_stop_is_released_only_after_an_inspection() -> None:
         assert bench.arm.state().mode is ArmMode.RUNNING
 
 
-def test_objects_are_asked_for_when_they_change_and_after_a_fall() -> None:
+def test_objects_are_asked_for_when_they_change_and_after_a_fall(monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[str] = []
     operator = ConsoleOperator(lambda question: not asked.append(question))
     for object_id, name in (("t1", "wrench"), ("t1", "wrench"), ("", ""), ("t1", "wrench"), ("7", "spam")):
@@ -139,6 +145,11 @@ def test_objects_are_asked_for_when_they_change_and_after_a_fall() -> None:
         else:
             operator.displaced()
     assert [question.split()[2] for question in asked] == ["t1", "t1", "7"]
+    asked.clear()
+    standing = standing_bench(monkeypatch, operator, Holding.FREE)
+    standing.place_first("t1", "it fell")
+    operator.place("t1", "wrench")
+    assert len(asked) == 2, "it is not asked for again after the question whether to begin"
 
 
 def test_agreement_in_advance_covers_only_the_first_object() -> None:
@@ -180,15 +191,6 @@ def test_first_object_of_a_resumed_session_is_asked_for_before_the_first_motion(
     if remembered is Holding.UNKNOWN:
         with pytest.raises(OperatorStopError, match="it fell: a person has to place"):
             person.place("t1", "wrench")
-
-
-def test_placed_first_object_is_not_asked_for_again(monkeypatch: pytest.MonkeyPatch) -> None:
-    asked: list[str] = []
-    person = ConsoleOperator(lambda question: not asked.append(question), agreed=True)
-    standing = standing_bench(monkeypatch, person, Holding.FREE)
-    standing.place_first("t1", "it fell")
-    person.place("t1", "wrench")
-    assert len(asked) == 1
 
 
 def standing_bench(

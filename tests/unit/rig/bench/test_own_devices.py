@@ -4,7 +4,9 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
+import numpy as np
 import pytest
 
 from drivers.bench import Bench
@@ -16,10 +18,23 @@ from drivers.errors import (
     InvalidStateError,
     OutOfLimitsError,
 )
-from drivers.types import HandState, Holding, Pose
+from drivers.interfaces import Arm, Camera, Gripper, TactileSensor
+from drivers.types import (
+    ArmLimits,
+    ArmMode,
+    ArmState,
+    Frame,
+    GripperSpec,
+    GripperState,
+    HandState,
+    Holding,
+    Pose,
+)
+from fakes.clock import SimulatedClock
 from protocols.readiness import check_hand
 from protocols.safe_end import halt, make_safe
 from rig.bench.assembly import TOOL_DOWN, build_real_bench
+from rig.bench.own_devices import CheckedArm, CheckedGripper, CheckedSource
 from rig.bench.plan import PlannedMotion, make_plan
 from rig.bench.source import unconnected_bench
 from rig.config import BenchConfig
@@ -196,19 +211,7 @@ def test_state_that_is_old_or_from_the_future_is_rejected(ahead_s: float, messag
             state()
 
 
-def test_plan_warns_of_an_unguarded_descent() -> None:
-    guarded, unguarded = (
-        make_plan(of, [], [PlannedMotion("home", TARGET, (TARGET,), 0.1)]).text()
-        for of in (config(), without_force_sensor())
-    )
-    assert "20 N on the way down" in guarded
-    assert "NOT GUARDED" not in guarded
-    assert "no force limit on the way down" in unguarded
-    assert "WARNING: the arm has no force sensor" in unguarded
-    assert "NOT GUARDED" in make_plan(without_force_sensor(), ["steps by keys"], []).text()
-
-
-def test_force_sensor_is_declared_once_and_stored() -> None:
+def test_missing_force_sensor_is_declared_once_stored_and_named_in_the_plan() -> None:
     made = without_force_sensor()
     assert parse_bench(bench_text(made), "file").arm.force_sensor is False
     assert BenchConfig.model_validate_json(made.model_dump_json()) == made
@@ -218,6 +221,13 @@ def test_force_sensor_is_declared_once_and_stored() -> None:
         parse_bench(ours.replace("max_contact_force_n = 20.0\n", ""), "file")
     with pytest.raises(InputError, match="max_contact_force_n: has no effect with force_sensor = false"):
         parse_bench(ours, "file")
+    motion = PlannedMotion("home", TARGET, (TARGET,), 0.1)
+    guarded, unguarded = (make_plan(of, [], [motion]).text() for of in (config(), made))
+    assert "20 N on the way down" in guarded
+    assert "NOT GUARDED" not in guarded
+    assert "no force limit on the way down" in unguarded
+    assert "WARNING: the arm has no force sensor" in unguarded
+    assert "NOT GUARDED" in make_plan(made, ["steps by keys"], []).text()
 
 
 def test_wait_that_fails_stops_the_device(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -257,6 +267,65 @@ def test_invalid_frame_is_rejected(behaviour: str, error: type[Exception], match
     camera = bench(camera={"behaviour": behaviour}).camera
     with pytest.raises(error, match=match):
         camera.next_frame(0.1)
+
+
+POSE = Pose((0.4, 0.0, 0.2), (1.0, 0.0, 0.0, 0.0))
+AT_REST = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+LIMITS = ArmLimits((0.0, -1.0, 0.0), (1.0, 1.0, 1.0), 0.5, 1.0, 5.0)
+SPEC = GripperSpec(0.1, 0.1, 1e-4, (0.01, 0.1), (10.0, 50.0))
+CLOCK = SimulatedClock()
+FRAME = Frame(np.zeros((4, 3, 3), np.uint8), 1, 1, "S1")
+ANSWERS = {
+    "next_frame": FRAME, "newest_frame": FRAME, "identity": {"model": "M"}, "counters": {"lost": 2},
+    "round_trips_s": (0.01,), "clock_offset_s": 0.5, "speed_fraction": 0.4,
+}  # fmt: skip
+ARGUMENTS = {
+    "move_linear": (POSE, 0.1, 0.5), "recover": (print,), "move_to": (0.05, 0.05, 20.0), "next_frame": (0.1,),
+    "newest_frame": (0.1,), "set_light": (1.0, 1.0, 1.0),
+}  # fmt: skip
+FROM_THE_BENCH_FILE = {"limits": LIMITS, "spec": SPEC, "serial": "S1", "rate_hz": 30.0, "waits": False}
+"""Members that are answered without the driver."""
+
+
+def driver(state: Any = None, **answers: Any) -> Mock:
+    """Return a driver with every method."""
+    made = Mock()
+    for name, answer in {**ANSWERS, "state": state, **answers}.items():
+        getattr(made, name).return_value = answer
+    return made
+
+
+SENSOR = CheckedSource, ("S1", 30.0, (3, 4)), None
+CHECKED: dict[type[Any], tuple[Any, tuple[Any, ...], Any]] = {
+    Arm: (CheckedArm, (LIMITS, CLOCK), ArmState(1, POSE, AT_REST, AT_REST, ArmMode.RUNNING)),
+    Gripper: (CheckedGripper, (SPEC, CLOCK), GripperState(1, True, False, 0.05)),
+    TactileSensor: SENSOR,
+    Camera: SENSOR,
+}
+"""By interface: the class, its arguments after the driver and its name, and the driver's state."""
+
+
+@pytest.mark.parametrize("protocol", CHECKED)
+def test_checked_device_forwards_every_member(protocol: type[Any]) -> None:
+    """So that a new member of an interface cannot be forgotten."""
+    checked, arguments, state = CHECKED[protocol]
+    for name in sorted({name for base in protocol.__mro__ for name in vars(base) if name[0] != "_"}):
+        of = driver(state)
+        made = getattr(checked(of, "lab:Device", *arguments), name)
+        if name in FROM_THE_BENCH_FILE:
+            assert made == FROM_THE_BENCH_FILE[name]
+            assert not of.mock_calls
+            continue
+        given = ARGUMENTS.get(name, ())
+        answer = made(*given)
+        getattr(of, name).assert_called_once_with(*given)
+        assert name not in ANSWERS or name == "identity" or answer is ANSWERS[name]
+
+
+@pytest.mark.parametrize("fraction", [float("nan"), 7, True, "full"])
+def test_invalid_speed_fraction_is_rejected(fraction: Any) -> None:
+    with pytest.raises(DeviceError, match=r"lab:Arm.*speed_fraction"):
+        CheckedArm(driver(speed_fraction=fraction), "lab:Arm", LIMITS, CLOCK).speed_fraction()
 
 
 def test_optional_driver_methods_default_to_unknown() -> None:

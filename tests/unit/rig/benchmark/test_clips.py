@@ -34,7 +34,7 @@ def judged(
     label_deg: float, angle_deg: float | None, sigma_deg: float | None, held_deg: float = 0.0, s: float = 1.0
 ) -> JudgedLabel:
     held = held_deg if angle_deg is None else angle_deg
-    return JudgedLabel("clip", ClipLabel(5, label_deg, s), angle_deg, sigma_deg, held)
+    return JudgedLabel(ClipLabel(5, label_deg, s), angle_deg, sigma_deg, held)
 
 
 @pytest.fixture(scope="module")
@@ -74,38 +74,6 @@ def test_clips_of_frames_and_videos_are_read_with_their_groups(clips: Path) -> N
     assert len(read_clips(clips / "video_clip")) == 1
 
 
-@pytest.mark.parametrize("period", [180.0, 360.0])
-@pytest.mark.parametrize("true_deg", [(-70.0, 0.0, 75.0, 150.0, 225.0), (70.0, 0.0, -75.0, -150.0, -225.0)])
-def test_wrapped_labels_are_unwrapped_with_a_note(
-    labelled_twice_a_second: Callable[..., Path],
-    true_deg: tuple[float, ...],
-    period: float,
-    caplog: pytest.LogCaptureFixture,
-) -> None:
-    seen = [(angle + period / 2.0) % period - period / 2.0 for angle in true_deg]
-    (clip,) = read_clips(labelled_twice_a_second(seen))
-    assert [label.angle_deg for label in clip.labels] == pytest.approx([true_deg[0], *true_deg[2:]])
-    assert "labels.csv: the labelled angle is wrapped" in caplog.text
-
-
-@pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_turn_of_more_than_90_degrees_between_sparse_labels_is_kept_with_a_note(
-    labelled_twice_a_second: Callable[..., Path], sign: float, caplog: pytest.LogCaptureFixture
-) -> None:
-    true_deg = [sign * angle for angle in (-95.0, 0.0, 98.0, 190.0, 195.0)]
-    (clip,) = read_clips(labelled_twice_a_second(true_deg))
-    assert [label.angle_deg for label in clip.labels] == [true_deg[0], *true_deg[2:]]
-    assert "may be wrapped: 3 steps of more than 90 degrees (first at 0.900 s), kept" in caplog.text
-
-
-def test_turn_of_less_than_90_degrees_between_labels_has_no_note(
-    labelled_twice_a_second: Callable[..., Path], caplog: pytest.LogCaptureFixture
-) -> None:
-    (clip,) = read_clips(labelled_twice_a_second([-89.0, 0.0, 89.0, 178.0, 267.0]))
-    assert [label.angle_deg for label in clip.labels] == [-89.0, 89.0, 178.0, 267.0]
-    assert caplog.text == ""
-
-
 @pytest.fixture
 def labelled_twice_a_second(clips: Path, tmp_path: Path) -> Callable[..., Path]:
     """Returns a function that makes a clip with the given labels; frame 9, at 0.9 s, is the reference."""
@@ -120,6 +88,28 @@ def labelled_twice_a_second(clips: Path, tmp_path: Path) -> Callable[..., Path]:
         return tmp_path
 
     return make
+
+
+UP, WRAPPED = (-70.0, 0.0, 75.0, 150.0, 225.0), "labels.csv: the labelled angle is wrapped"
+FAR, NEAR = (-95.0, 0.0, 98.0, 190.0, 195.0), (-89.0, 0.0, 89.0, 178.0, 267.0)
+KEPT = "may be wrapped: 3 steps of more than 90 degrees (first at 0.900 s), kept"
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize(
+    ("true_deg", "period_deg", "note"),
+    [(UP, 180.0, WRAPPED), (UP, 360.0, WRAPPED), (FAR, 1e6, KEPT), (NEAR, 1e6, "")],
+)
+def test_wrapped_labels_are_unwrapped_and_large_turns_kept_with_a_note(
+    labelled_twice_a_second: Callable[..., Path], true_deg: tuple[float, ...], period_deg: float, note: str,
+    sign: float, caplog: pytest.LogCaptureFixture,
+) -> None:  # fmt: skip
+    true = [sign * angle for angle in true_deg]
+    seen = [(angle + period_deg / 2.0) % period_deg - period_deg / 2.0 for angle in true]
+    (clip,) = read_clips(labelled_twice_a_second(seen))
+    assert [label.angle_deg for label in clip.labels] == pytest.approx([true[0], *true[2:]])
+    assert note in caplog.text
+    assert bool(note) == bool(caplog.text)
 
 
 def test_known_rotations_are_measured(clips: Path) -> None:
@@ -225,9 +215,8 @@ def test_folders_without_clips_are_named(tmp_path: Path) -> None:
         read_clips(tmp_path / "none")
     with pytest.raises(InputError, match=r"no folder in it has a labels\.csv"):
         read_clips(tmp_path)
-    clip = tmp_path / "clip"
-    clip.mkdir()
-    (clip / "labels.csv").write_text(labels_text(LABELS))
+    (tmp_path / "clip").mkdir()
+    (tmp_path / "clip" / "labels.csv").write_text(labels_text(LABELS))
     with pytest.raises(InputError, match="0 videos and no folder 'frames'"):
         read_clips(tmp_path)
 
@@ -272,10 +261,6 @@ def test_only_given_limits_apply_to_user_clips(clips: Path, tmp_path: Path) -> N
     assert "time per frame" not in judged.stderr
 
 
-def overall_columns(folder: Path) -> tuple[str, ...]:
-    return measure(ClipsOptions(folder, ["pca"]), Run()).tables[1].columns
-
-
 def test_contacts_add_two_columns_and_limits(clips: Path, blank: NDArray[np.uint8], tmp_path: Path) -> None:
     clip = shutil.copytree(clips / "frames_clip", tmp_path / "frames_clip")
     (clip / "contacts.csv").write_text(SPANS + "0,4,no\n5,9,yes\n10,24,yes\n")
@@ -285,7 +270,7 @@ def test_contacts_add_two_columns_and_limits(clips: Path, blank: NDArray[np.uint
     assert len(run.contact_ms) == 20  # frames without contact do not count
     assert run.score.frame_ms == pytest.approx(np.percentile(run.contact_ms, [50, 90, 99]))
     assert (run.score.empty_as_contact, run.score.held_as_contact) == (0.0, 1.0)
-    columns = overall_columns(tmp_path)
+    columns = measure(ClipsOptions(tmp_path, ["pca"]), Run()).tables[1].columns
     assert {"held reported as contact", "ms per frame with contact: median, 90 %, 99 %"} <= set(columns)
     command = ["benchmark", "clips", str(tmp_path), "--estimator", "slip", "--json"]
     done = CliRunner().invoke(app, [*command, "--empty", "0", "--held", "0.9"])
@@ -297,9 +282,9 @@ def test_contacts_add_two_columns_and_limits(clips: Path, blank: NDArray[np.uint
 
 
 def test_clip_without_contacts_has_no_contact_columns_and_misses_their_limits(clips: Path) -> None:
-    assert not any("as contact" in column for column in overall_columns(clips / "frames_clip"))
-    options = ClipsOptions(clips / "frames_clip", ["pca"], empty=0.05, held=0.95)
-    assert [limit.met for limit in measure(options, Run()).limits] == [False, False]
+    report = measure(ClipsOptions(clips / "frames_clip", ["pca"], empty=0.05, held=0.95), Run())
+    assert not any("as contact" in column for column in report.tables[1].columns)
+    assert [limit.met for limit in report.limits] == [False, False]
 
 
 def test_unknown_group_and_version_are_named(clips: Path) -> None:
@@ -313,8 +298,7 @@ def test_halves_are_split_by_object_and_of_equal_size() -> None:
     rows = list(csv.DictReader(GROUPS.read_text(encoding="utf-8").splitlines()))
     halves = [{r["clip"] for r in rows if r["group"] == g} for g in ("development", "validation")]
     assert [len(half) for half in halves] == [12, 12]
-    names = ("hairbrush", "controller", "bread_knife", "pen", "lemon", "rice_spatula")
-    for name in names:
+    for name in ("hairbrush", "controller", "bread_knife", "pen", "lemon", "rice_spatula"):
         assert sum(any(clip.startswith(name) for clip in half) for half in halves) == 1, name
 
 

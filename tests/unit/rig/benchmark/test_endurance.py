@@ -13,7 +13,7 @@ import pytest
 from drivers.clock import NS_PER_S, SystemClock, to_ns
 from drivers.errors import RecordingError
 from drivers.images import with_jpeg
-from drivers.types import Frame, Image
+from drivers.types import Frame
 from protocols.observer import Phase
 from rig.benchmark.wire.endurance import Minute, MinuteRecordings, StillContact, judge_endurance
 from rig.config import load_bench
@@ -46,10 +46,6 @@ def test_each_limit_can_be_missed(changes: dict[str, Any], missed: list[str]) ->
     assert [limit.name for limit in limits if limit.met is False] == missed
 
 
-def picture(value: int, rng: np.random.Generator) -> Image:
-    return np.clip(rng.normal(value, 2.0, (320, 240, 3)), 0, 255).astype(np.uint8)
-
-
 @pytest.fixture
 def recordings(tmp_path: Path) -> Iterator[MinuteRecordings]:
     with closing(MinuteRecordings(tmp_path)) as recordings:
@@ -66,7 +62,8 @@ def test_minute_counts_its_own_frames_only(recordings: MinuteRecordings) -> None
     def show(numbers: list[int]) -> None:
         for number in numbers:
             for serial in (*serials, bench.camera.serial):
-                frame = Frame(picture(120, rng), clock.now_ns() - to_ns(0.004), number, serial)
+                picture = np.clip(rng.normal(120.0, 2.0, (320, 240, 3)), 0, 255).astype(np.uint8)
+                frame = Frame(picture, clock.now_ns() - to_ns(0.004), number, serial)
                 contact.frame(with_jpeg(frame))
 
     show([1, 2, 3])

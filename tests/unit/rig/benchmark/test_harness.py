@@ -3,7 +3,6 @@
 import json
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated
 
 import pytest
 import typer
@@ -14,6 +13,7 @@ from drivers.errors import InputError
 from rig.benchmark.harness import RESULTS, Cell, Report, Run, Study, column, table_of
 from rig.benchmark.measured import at_most
 from rig.cli.benchmark import STUDIES, benchmark, command_of
+from rig.declared import option
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,8 +29,8 @@ class Square:
 class SquareOptions:
     """Options of the study."""
 
-    count: Annotated[int, typer.Option("--count", min=1, help="Numbers.")] = 3
-    limit: Annotated[float, typer.Option("--limit", help="Largest square.")] = 100.0
+    count: int = option(3, "Numbers.", min=1)
+    limit: float = option(100.0, "Largest square.")
 
 
 def square(number: int) -> Square:
@@ -56,18 +56,14 @@ def test_table_shows_declared_columns_only() -> None:
     assert table.columns == ("number", "its square")
     assert table.rows == [("2", "4.0"), ("3", "-")]
     assert table.legend == (("its square", "of the number"),)
+    assert table_of("Squares", [Square(3, None)]).rows == [("3", "-")]
     assert table.markdown().splitlines()[0] == "| number | its square |"
 
 
 def test_row_of_cells_contains_dataclasses_and_optional_columns() -> None:
     def row(root: float | None) -> list[Cell]:
-        pair = Cell("pair", (1.0, 2.0), "pair", ".1f")
-        return [
-            pair,
-            Cell("more", root, "root", ".1f", optional=True),
-            Cell("of", square(2)),
-            Cell("n", 7, None),
-        ]
+        more = Cell("more", root, "root", ".1f", optional=True)
+        return [Cell("pair", (1.0, 2.0), "pair", ".1f"), more, Cell("of", square(2)), Cell("n", 7, None)]
 
     table = table_of("Squares", [row(None), row(2.0)])
     assert table.columns == ("pair", "root", "number", "its square")
@@ -142,13 +138,10 @@ def test_command_prints_one_json_object_and_writes_files(tmp_path: Path) -> None
     assert "| 1 | 1.0 |" in document.read_text()
 
 
-def test_command_ends_with_exit_code_4_if_a_limit_is_missed() -> None:
+def test_command_ends_with_exit_code_4_if_a_limit_is_missed_and_resumes_only_with_a_folder() -> None:
     result = run_command("--limit", "1")
     assert result.exit_code == 4
     assert "limit missed: largest square: 4, required at most 1" in result.stderr
-
-
-def test_resume_needs_a_folder_if_results_are_kept() -> None:
     result = run_command("--resume", keeps_results=True)
     assert isinstance(result.exception, InputError)
     assert "--resume continues the run in --out: give its folder" in str(result.exception)

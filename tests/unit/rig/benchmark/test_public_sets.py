@@ -199,36 +199,31 @@ def test_packaged_labels_have_sources_with_hashes(name: str, clips: int, labels:
         assert ("video" in uses) != ("frame" in uses)
 
 
-def test_packaged_labels_are_the_measured_ones(real_data: Path) -> None:
-    folders = {"octopi": "rotation_clips", "digit-edges": "real_turns", "gripper-slips": "real_turns"}
-    for name, folder in folders.items():
-        measured = csv.DictReader((real_data / folder / "labels.csv").read_text().splitlines())
-        by_frame = {(row["clip"], row["keyframe"]): row for row in measured}
-        for row in csv.DictReader(SETS[name].labels.read_text().splitlines()):
-            found = by_frame[row["clip"], row["keyframe"]]
-            assert all(found[key] == row[key] for key in set(row) - {"group"})
+@pytest.mark.parametrize("name", SETS)
+def test_packaged_labels_are_the_measured_ones(name: str, real_data: Path) -> None:
+    folder = real_data / ("rotation_clips" if name == "octopi" else "real_turns")
+    measured = csv.DictReader((folder / "labels.csv").read_text().splitlines())
+    by_frame = {(row["clip"], row["keyframe"]): row for row in measured}
+    for row in csv.DictReader(SETS[name].labels.read_text().splitlines()):
+        found = by_frame[row["clip"], row["keyframe"]]
+        assert all(found[key] == row[key] for key in set(row) - {"group"})
 
 
 @pytest.fixture
-def real_clones() -> Path:
-    """The folder with clones of the public repositories, each in OWNER+NAME/repo: RIG_CLONES."""
+def real_clones(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, Path]:
+    """Clones of the public repositories, each in OWNER+NAME/repo of the folder RIG_CLONES; an empty cache."""
     folder = Path(os.environ.get("RIG_CLONES", "no clones are given"))
     if not folder.is_dir():
         pytest.skip("no clones of the public sets: put them into a folder, and set RIG_CLONES to it")
-    return folder
-
-
-def cloned(folder: Path, of: PublicSet) -> Path:
-    return folder / of.repository.replace("/", "+") / "repo"
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    return {name: folder / of.repository.replace("/", "+") / "repo" for name, of in SETS.items()}
 
 
 @pytest.mark.parametrize("name", SETS)
 def test_real_clones_give_the_labelled_frames(
-    name: str, real_clones: Path, real_clips: Path, real_data: Path, tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:  # fmt: skip
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    clips = sorted(make_clips(SETS[name], cloned(real_clones, SETS[name])).iterdir())
+    name: str, real_clones: dict[str, Path], real_clips: Path, real_data: Path
+) -> None:
+    clips = sorted(make_clips(SETS[name], real_clones[name]).iterdir())
     assert clips
     for clip in clips:
         if name != "octopi":
@@ -247,11 +242,8 @@ def test_real_clones_give_the_labelled_frames(
 @pytest.mark.long
 @pytest.mark.timeout(600)
 @pytest.mark.parametrize("name", SETS)
-def test_rows_of_the_readme_are_what_the_command_prints(
-    name: str, real_clones: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    command = ["benchmark", "clips", str(cloned(real_clones, SETS[name])), "--set", name]
+def test_rows_of_the_readme_are_what_the_command_prints(name: str, real_clones: dict[str, Path]) -> None:
+    command = ["benchmark", "clips", str(real_clones[name]), "--set", name]
     done = CliRunner().invoke(app, [*command, "--estimator", "slip", "--json"], env={"COLUMNS": "1000"})
     assert json.loads(done.stdout)["limits"] == []
     (row,) = [line for line in done.output.splitlines() if line.startswith("| a real")]

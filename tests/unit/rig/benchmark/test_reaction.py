@@ -6,12 +6,7 @@ import pytest
 
 from rig.benchmark import reaction as study
 from rig.benchmark.harness import Report, Run
-from rig.benchmark.reaction import (
-    ReactedLift,
-    Reaction,
-    ReactionOptions,
-    measure,
-)
+from rig.benchmark.reaction import ReactedLift, Reaction, ReactionOptions, measure
 from rig.sessions.records import LiftOutcome
 from support.benches import lighter
 

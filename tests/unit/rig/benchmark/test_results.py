@@ -11,20 +11,10 @@ from drivers.errors import InputError, SessionError
 from rig.benchmark.estimators import contenders
 from rig.benchmark.estimators.contenders import CONTENDERS, WINDOWS
 from rig.benchmark.estimators.stress import run_stress, stress_rows
-from rig.benchmark.estimators.study import (
-    README_COLUMNS,
-    TABLE,
-    EstimatorsOptions,
-    EstimatorsResult,
-    compare,
-    estimator_table,
-    judge,
-    report_of,
-    stress_table,
-)
+from rig.benchmark.estimators.study import EstimatorsResult
 from rig.benchmark.harness import Report, Run, check_readme, markers
 from rig.experiments.lift_plan import stored_trial
-from rig.experiments.replay import replay_with_angles
+from rig.experiments.replay import replay_lift
 from rig.sessions.rows import read_finished_lifts
 from support.benches import lighter
 
@@ -32,13 +22,15 @@ DOCUMENT = Path(__file__).resolve().parents[4] / "docs" / "measurements.md"
 BEGIN, END = markers("estimators")
 
 
+PROGRESS: list[str] = []
+
+
 @pytest.fixture(scope="module")
-def measured(tmp_path_factory: pytest.TempPathFactory) -> tuple[EstimatorsResult, list[str]]:
+def result(tmp_path_factory: pytest.TempPathFactory) -> EstimatorsResult:
     """One lift of one object with few frames, no stress: the smallest run that has all other parts."""
-    progress: list[str] = []
 
     def show(done: int, total: int, note: str) -> None:
-        progress.append(f"{done}/{total} {note}")
+        PROGRESS.append(f"{done}/{total} {note}")
 
     run = Run(jobs=1, folder=tmp_path_factory.mktemp("benchmark"), progress=show)
     with pytest.MonkeyPatch.context() as patch:
@@ -47,21 +39,17 @@ def measured(tmp_path_factory: pytest.TempPathFactory) -> tuple[EstimatorsResult
         patch.setattr(study, "TRIAL_OBJECTS", ("t2",))
         patch.setattr(study, "LIFTS", 1)
         patch.setattr(study, "stress_tasks", lambda: [])
-        return compare(EstimatorsOptions(estimator=["kolamuri"]), run), progress
-
-
-@pytest.fixture(scope="module")
-def result(measured: tuple[EstimatorsResult, list[str]]) -> EstimatorsResult:
-    return measured[0]
+        return study.compare(study.EstimatorsOptions(estimator=["kolamuri"]), run)
 
 
 @pytest.fixture(scope="module")
 def report(result: EstimatorsResult) -> Report:
-    return report_of(result)
+    return study.report_of(result)
 
 
-def test_progress_names_each_step(measured: tuple[EstimatorsResult, list[str]]) -> None:
-    recorded, *others = measured[1]
+@pytest.mark.usefixtures("result")
+def test_progress_names_each_step() -> None:
+    recorded, *others = PROGRESS
     assert recorded.startswith("1/1 session: t2/1 ")
     assert others == ["1/1 timed on lift t2/1", "1/1 estimators on t2/1"]
 
@@ -69,9 +57,8 @@ def test_progress_names_each_step(measured: tuple[EstimatorsResult, list[str]]) 
 def test_benchmark_scores_a_lift_as_in_the_trial(result: EstimatorsResult) -> None:
     rows = read_finished_lifts(result.session)
     for name, window in (("slip", 1), ("pca", 4)):
-        row = replay_with_angles(
-            result.session, stored_trial(result.session, name, window).settings, rows[0]
-        )[0]
+        settings = stored_trial(result.session, name, window).settings
+        row, _ = replay_lift(result.session, settings, rows[0])
         score = result.scores[name, window]
         found = [score.mare.mean_deg, score.mare.std_deg, score.mare_b.mean_deg, score.answered]
         expected = [row.re.mean_deg, row.re.std_deg, row.re_b.mean_deg, row.answered]
@@ -98,28 +85,29 @@ def test_limit_without_measurement_is_missed(result: EstimatorsResult, report: R
     assert limits["share of frames answered"].met
     refused = limits["share of frames refused on smooth round contacts"]
     assert (refused.value, refused.met) == (None, False)  # this run has no stress part
-    bad = judge(replace(result, timing=replace(result.timing, size_px=(64, 48))))  # no limit for this size
+    small = replace(result.timing, size_px=(64, 48))  # no limit for this size
+    bad = study.judge(replace(result, timing=small))
     assert "times as fast as the published second stage" in {v.name for v in bad if not v.met}
 
 
 def test_result_files_and_documentation_contain_all_figures(result: EstimatorsResult, report: Report) -> None:
     assert len(report.figures["estimators"]) == len(result.scores)
-    assert report.files[TABLE] == report.section + "\n"
+    assert report.files[study.TABLE] == report.section + "\n"
     check_readme(DOCUMENT, "estimators")
     section = DOCUMENT.read_text(encoding="utf-8").partition(BEGIN)[2].partition(END)[0]
     for text in (section, report.section):
         heading = next(line for line in text.splitlines() if line.startswith("|"))
         columns = tuple(cell.strip() for cell in heading.strip("|").split("|"))
-        assert columns == estimator_table(result).columns[:README_COLUMNS]
+        assert columns == study.estimator_table(result).columns[: study.README_COLUMNS]
 
 
 def test_tables_have_a_cell_per_column(result: EstimatorsResult) -> None:
     balls = replace(result, stress=stress_rows(run_stress(0, ("slip",), ("round", "3:0"))))
-    for table in (estimator_table(result), stress_table(balls)):
+    for table in (study.estimator_table(result), study.stress_table(balls)):
         assert table.rows
         assert {len(row) for row in table.rows} == {len(table.columns)}
-    assert {row[2] for row in stress_table(balls).rows} == {"refused 100%"}
-    assert estimator_table(result).rows[-1][0] == "kolamuri"
+    assert {row[2] for row in study.stress_table(balls).rows} == {"refused 100%"}
+    assert study.estimator_table(result).rows[-1][0] == "kolamuri"
 
 
 @pytest.mark.parametrize("text", ["", BEGIN, f"{END}{BEGIN}", f"{BEGIN}{END}{BEGIN}"])
@@ -132,4 +120,4 @@ def test_document_without_markers_is_rejected(text: str, tmp_path: Path) -> None
 
 def test_folder_without_a_session_is_rejected(tmp_path: Path) -> None:
     with pytest.raises(SessionError):
-        compare(EstimatorsOptions(session=tmp_path), Run())
+        study.compare(study.EstimatorsOptions(session=tmp_path), Run())

@@ -5,11 +5,11 @@ import signal
 import subprocess
 import sys
 from collections import Counter
-from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import nullcontext
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -17,74 +17,57 @@ import pytest
 from drivers.clock import to_ns
 from drivers.errors import InputError
 from rig.benchmark.harness import Run
-from rig.benchmark.wire import safety
-from rig.benchmark.wire.campaign import (
-    LASTS_S,
-    Moment,
-    PlannedRun,
-    Stage,
-    TrueState,
-    at,
-    dropped,
-    next_stage,
-    read_track,
-    standstill,
-    unasked,
-    wait_for,
-    wait_for_end,
-)
-from rig.benchmark.wire.safety import (
-    BY_NAME,
-    EVENTS,
-    SafetyOptions,
-    SafetyRun,
-    judge_runs,
-    measure,
-    plan_runs,
-    run_safety,
-    safety_table,
-)
+from rig.benchmark.wire import campaign, safety
+from rig.benchmark.wire.campaign import PlannedRun, Stage, TrueState
+from rig.benchmark.wire.safety import BY_NAME, EVENTS, SafetyRun, plan_runs, run_safety
 
-STEP_S = 0.004
+GRASP_M = 0.06
 
 
-def track_of(heights_m: list[float], held: bool = False) -> list[TrueState]:
-    """A tool at these heights, one every 4 ms."""
-    return [TrueState(to_ns(i * STEP_S), (0.0, 0.0, z), 6.0, held) for i, z in enumerate(heights_m)]
+def way(
+    *points: tuple[float, float], held: bool = False, counts: float = 6.0, x_m: float = 0.0
+) -> list[TrueState]:
+    """A tool at heights above the grasp at times, each reached on a straight way in steps of 4 ms."""
+    states = []
+    for (begin_s, begin_m), (end_s, end_m) in pairwise(points):
+        steps = round((end_s - begin_s) / 0.004)
+        for i in range(steps + 1):
+            z_m = GRASP_M + begin_m + (end_m - begin_m) * i / steps
+            states.append(TrueState(to_ns(begin_s) + i * to_ns(0.004), (x_m, 0.0, z_m), counts, held))
+    return states
 
 
-DOWN_AND_STAY = [0.16 - 0.001 * min(i, 50) for i in range(100)]
-"""0.25 m/s for 0.2 s, then rest."""
+DOWN = way((0.0, 0.1), (0.2, 0.05), (0.4, 0.05))
+AGAIN = [*DOWN, *way((0.404, 0.05), (0.504, 0.025))]
+BACK = way((0.0, 0.1), (0.2, 0.05), (0.208, 0.05), (0.308, 0.08), (0.4, 0.08))
 
 
-@pytest.mark.parametrize(("event_s", "after_s", "way_m"), [(0.1, 0.1, 0.025), (0.0, 0.2, 0.05), (0.3, 0, 0)])
-def test_standstill_and_distance_are_measured(event_s: float, after_s: float, way_m: float) -> None:
-    stood = standstill(track_of(DOWN_AND_STAY), to_ns(event_s))
-    assert stood.after_s == pytest.approx(after_s, abs=1e-6)
-    assert stood.way_m == pytest.approx(way_m, abs=1e-6)
+@pytest.mark.parametrize(
+    ("track", "event_s", "after_s", "way_m"),
+    [(DOWN, 0.1, 0.1, 0.025), (DOWN, 0.0, 0.2, 0.05), (DOWN, 0.3, 0, 0), (AGAIN, 0.1, 0.1, 0.025),
+     (BACK, 0.1, 0.1, 0.025)],
+)  # fmt: skip
+def test_first_standstill_after_an_event_is_measured(
+    track: list[TrueState], event_s: float, after_s: float, way_m: float
+) -> None:
+    stood = campaign.standstill(track, to_ns(event_s))
+    assert (stood.after_s, stood.way_m) == pytest.approx((after_s, way_m), abs=1e-6)
     assert stood.time_ns == to_ns(max(event_s, 0.2))
 
 
-def test_motion_after_a_rest_is_a_new_motion() -> None:
-    on = [*DOWN_AND_STAY, *(0.11 - 0.001 * i for i in range(30))]
-    assert standstill(track_of(on), to_ns(0.1)).time_ns == to_ns(0.2)
-    back = [*DOWN_AND_STAY[:52], *(0.11 + 0.001 * i for i in range(30)), *([0.14] * 20)]
-    assert standstill(track_of(back), to_ns(0.1)).time_ns == to_ns(0.2)
-
-
 def test_object_released_in_the_air_counts_as_dropped() -> None:
-    held = track_of([0.11] * 5, held=True)
-    free = TrueState(to_ns(1.0), (0.0, 0.0, 0.11), 6.0, held=False)
-    assert dropped([*held, free], grasp_m=0.06)
-    assert not dropped([*held, free], grasp_m=0.11)
-    assert not dropped(held, grasp_m=0.06)
+    held = way((0.0, 0.05), (0.02, 0.05), held=True)
+    fallen = [*held, *way((1.0, 0.05), (1.02, 0.05))]
+    assert campaign.dropped(fallen, GRASP_M)
+    assert not campaign.dropped(fallen, GRASP_M + 0.05)
+    assert not campaign.dropped(held, GRASP_M)
 
 
 def test_each_state_holds_until_the_next() -> None:
     samples = [(100, 0.1, 0.2, 0.3, 6.0, False), (200, 0.1, 0.2, 0.4, 7.0, True)]
-    track = read_track(lambda command, since_ns: {"samples": samples}, 0)
-    assert [at(track, time).counts for time in (0, 100, 199, 200, 999)] == [6.0, 6.0, 6.0, 7.0, 7.0]
-    assert at(track, 250).held
+    track = campaign.read_track(lambda command, since_ns: {"samples": samples}, 0)
+    assert [campaign.at(track, time).counts for time in (0, 100, 199, 200, 999)] == [6.0, 6.0, 6.0, 7.0, 7.0]
+    assert campaign.at(track, 250).held
 
 
 LIFT = [
@@ -103,51 +86,27 @@ LIFT = [
 ]
 
 
-def world(seen: tuple[float, bool, bool]) -> dict[str, object]:
-    return {"tool_m": (0.0, 0.0, seen[0]), "tool_moving": seen[1], "held": seen[2], "now_ns": 1}
-
-
-def test_stages_follow_one_another() -> None:
-    stage = None
-    for seen, expected in LIFT:
-        stage = next_stage(stage, world(seen), 0.06)
+def test_stages_follow_one_another_and_waiting_for_one_ends_with_the_lift() -> None:
+    worlds, stage = [], None
+    for (z_m, moving, held), expected in LIFT:
+        worlds.append({"tool_m": (0.0, 0.0, z_m), "tool_moving": moving, "held": held, "now_ns": 1})
+        stage = campaign.next_stage(stage, worlds[-1], GRASP_M)
         assert stage is expected
-
-
-def test_waiting_for_a_moment_ends_with_the_lift() -> None:
-    hold, course, left = Moment(Stage.HOLD, 0.0), iter(LIFT), [3, 2, 1, 0]
-    assert wait_for(hold, 0.06, lambda _: world(next(course)[0]), lambda: False) is Stage.HOLD
-    assert wait_for(hold, 0.06, lambda _: world(LIFT[0][0]), lambda: not left.pop(0)) is None
-
-
-GRASP_M = 0.06
+    hold, course, left = (Stage.HOLD, 0.0, GRASP_M), iter(worlds), [3, 2, 1, 0]
+    assert campaign.wait_for(*hold, lambda _: next(course), lambda: False) is Stage.HOLD
+    assert campaign.wait_for(*hold, lambda _: worlds[0], lambda: not left.pop(0)) is None
 
 
 def test_plain_plan_has_each_event_once_and_full_plan_has_it_once_per_stage() -> None:
-    plain = plan_runs(0, full=False)
+    plain, full = plan_runs(0, full=False), plan_runs(0, full=True)
     assert Counter(run.event.name for run in plain) == Counter(event.name for event in EVENTS)
-    assert {run.moment.stage for run in plain} == set(Stage)
-    assert all(0.0 <= run.moment.after_s <= LASTS_S[run.moment.stage] for run in plain)
-    full = plan_runs(0, full=True)
-    cells = Counter((run.event.name, run.moment.stage) for run in full)
+    assert {run.stage for run in plain} == set(Stage)
+    assert all(0.0 <= run.after_s <= campaign.LASTS_S[run.stage] for run in plain)
+    cells = Counter((run.event.name, run.stage) for run in full)
     assert set(cells.values()) == {1}
     assert len(cells) == len(EVENTS) * len(Stage)
     assert [run.number for run in full] == [*range(1, len(full) + 1)]
-    assert plan_runs(0, full=True) == full
-    assert plan_runs(1, full=True) != full
-
-
-def way(
-    *points: tuple[float, float], held: bool = False, counts: float = 6.0, x_m: float = 0.0
-) -> list[TrueState]:
-    """A tool at heights above the grasp at times, each reached on a straight way in steps of 4 ms."""
-    states = []
-    for (begin_s, begin_m), (end_s, end_m) in pairwise(points):
-        steps = round((end_s - begin_s) / 0.004)
-        for i in range(steps + 1):
-            z_m = GRASP_M + begin_m + (end_m - begin_m) * i / steps
-            states.append(TrueState(to_ns(begin_s) + i * to_ns(0.004), (x_m, 0.0, z_m), counts, held))
-    return states
+    assert plan_runs(0, full=True) == full != plan_runs(1, full=True)
 
 
 STANDS_HIGH = way((0.0, 0.09), (0.1, 0.08), (2.0, 0.08))
@@ -162,44 +121,38 @@ OPENED = [*way((0.0, 0.0), (0.5, 0.0), counts=9.0), *way((0.6, 0.0), (1.0, 0.0),
 
 
 @pytest.mark.parametrize(
-    ("event", "track", "motion"),
+    ("event", "track", "motion", "stage"),
     [
-        ("Ctrl-C", STANDS_HIGH, ""),
-        ("Ctrl-C", GOES_DOWN, "the arm moved by 80.0 mm"),  # a free hand does not move
-        ("Ctrl-C", SET_DOWN, ""),
-        ("kill -9", SET_DOWN, "the arm moved by 40.0 mm"),
-        ("Ctrl-C twice", SET_DOWN, "the arm moved by 40.0 mm"),
-        ("gripper lost", GOES_DOWN, ""),  # the lift goes on until it is noticed
-        ("fingers blocked", SET_DOWN, ""),
-        ("fingers blocked", CARRIED, "the object was carried"),
-        ("fingers blocked", RISES_HELD, ""),  # the lift itself
-        ("Ctrl-C", SIDEWAYS, "the arm moved sideways beside the object"),
-        ("gripper lost", SIDEWAYS, "the arm moved sideways beside the object"),
-        ("Ctrl-C", CLOSED, "fingers closed"),
-        ("SIGSTOP", CLOSED, "the fingers moved by +3 counts"),
-        ("SIGSTOP", OPENED, "the fingers moved by -3 counts"),
-        ("protective stop", OPENED, ""),  # around something that they do not hold
-        ("Ctrl-C", OPENED, ""),
+        ("Ctrl-C", STANDS_HIGH, "", Stage.LIFT),
+        ("Ctrl-C", GOES_DOWN, "the arm moved by 80.0 mm", Stage.LIFT),  # a free hand does not move
+        ("Ctrl-C", SET_DOWN, "", Stage.LIFT),
+        ("kill -9", SET_DOWN, "the arm moved by 40.0 mm", Stage.LIFT),
+        ("Ctrl-C twice", SET_DOWN, "the arm moved by 40.0 mm", Stage.LIFT),
+        ("gripper lost", GOES_DOWN, "", Stage.LIFT),  # the lift goes on until it is noticed
+        ("fingers blocked", SET_DOWN, "", Stage.LIFT),
+        ("fingers blocked", CARRIED, "the object was carried", Stage.LIFT),
+        ("fingers blocked", RISES_HELD, "", Stage.LIFT),  # the lift itself
+        ("fingers stuck", RISES_HELD, "the object was carried", Stage.RELEASE),
+        ("fingers stuck", STAYS_DOWN, "", Stage.RELEASE),
+        ("Ctrl-C", SIDEWAYS, "the arm moved sideways beside the object", Stage.LIFT),
+        ("gripper lost", SIDEWAYS, "the arm moved sideways beside the object", Stage.LIFT),
+        ("Ctrl-C", CLOSED, "fingers closed", Stage.LIFT),
+        ("SIGSTOP", CLOSED, "the fingers moved by +3 counts", Stage.LIFT),
+        ("SIGSTOP", OPENED, "the fingers moved by -3 counts", Stage.LIFT),
+        ("protective stop", OPENED, "", Stage.LIFT),  # around something that they do not hold
+        ("Ctrl-C", OPENED, "", Stage.LIFT),
     ],
 )
-def test_what_moves_after_the_standstill_was_agreed_to_or_is_told(
-    event: str, track: list[TrueState], motion: str
+def test_forbidden_motion_after_the_standstill_is_named(
+    event: str, track: list[TrueState], motion: str, stage: Stage
 ) -> None:
-    assert unasked(BY_NAME[event], Stage.LIFT, track, to_ns(0.05), GRASP_M) == motion
-
-
-def test_arm_that_rises_with_the_object_in_the_release_has_carried_it() -> None:
-    event = BY_NAME["fingers stuck"]
-    assert unasked(event, Stage.RELEASE, RISES_HELD, to_ns(0.05), GRASP_M) == "the object was carried"
-    assert unasked(event, Stage.RELEASE, STAYS_DOWN, to_ns(0.05), GRASP_M) == ""
+    assert campaign.unasked(BY_NAME[event], stage, track, to_ns(0.05), GRASP_M) == motion
 
 
 RUN = SafetyRun(
     number=1, event="Ctrl-C", stage=Stage.APPROACH, still_s=0.1, way_mm=5.0, dropped=False, unasked="",
     kept=True, ended=3, said="rig: stopped by the operator",
 )  # fmt: skip
-
-
 LOST = {"event": "camera lost", "stage": Stage.LIFT, "ended": 1, "said": "rig: camera", "still_s": 1.1}
 
 
@@ -220,21 +173,19 @@ LOST = {"event": "camera lost", "stage": Stage.LIFT, "ended": 1, "said": "rig: c
     ],
 )
 def test_each_limit_can_be_missed(changes: dict[str, Any], missed: list[str]) -> None:
-    limits = judge_runs([RUN, replace(RUN, **changes)])
+    limits = safety.judge_runs([RUN, replace(RUN, **changes)])
     assert [limit.name for limit in limits if limit.met is False] == missed
 
 
-def test_the_table_has_the_longest_of_each_stage_and_goes_into_a_page(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_table_has_the_longest_of_each_stage_and_goes_into_a_page(monkeypatch: pytest.MonkeyPatch) -> None:
     runs = [RUN, replace(RUN, number=2, still_s=0.2, way_mm=1.0), replace(RUN, number=3, stage=Stage.HOLD)]
-    row = next(row for row in safety_table(runs).rows if row[0] == "Ctrl-C")
-    assert row == ("Ctrl-C", "3", "0.20, 5.0", "-", "-", "0.10, 5.0", "-", "-", "0", "0", "0")
     monkeypatch.setattr(safety, "run_safety", lambda run, plan: runs)
-    section = measure(SafetyOptions(), Run()).section
-    assert section.startswith("SIMULATED, 3 runs, seed 0: longest time")
-    assert "| Ctrl-C | 3 | 0.20, 5.0 |" in section
-    assert section.splitlines()[-1] == "- benches that could not be put in order: 0 (at most 0)"
+    report = safety.measure(safety.SafetyOptions(), Run())
+    row = next(row for row in report.tables[0].rows if row[0] == "Ctrl-C")
+    assert row == ("Ctrl-C", "3", "0.20, 5.0", "-", "-", "0.10, 5.0", "-", "-", "0", "0", "0")
+    assert report.section.startswith("SIMULATED, 3 runs, seed 0: longest time")
+    assert "| Ctrl-C | 3 | 0.20, 5.0 |" in report.section
+    assert report.section.splitlines()[-1] == "- benches that could not be put in order: 0 (at most 0)"
 
 
 @pytest.mark.parametrize(
@@ -251,36 +202,19 @@ def test_last_line_of_a_program_or_its_traceback_is_returned(code: str, limit_s:
     with subprocess.Popen(
         [sys.executable, "-c", script], stderr=subprocess.PIPE, text=True, start_new_session=True
     ) as program:
-        assert re.fullmatch(said, wait_for_end(program, limit_s), re.DOTALL)
+        assert re.fullmatch(said, campaign.wait_for_end(program, limit_s), re.DOTALL)
 
 
-class Place:
-    """Stands for a served bench: every run ends as `RUN`."""
+def test_runs_are_stored_and_continued_with_resume_only(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def result(planned: PlannedRun) -> SafetyRun:
+        ready = "not" if planned.number > 1 else ""
+        return replace(RUN, number=planned.number, event=planned.event.name, ready=ready)
 
-    def run(self, planned: PlannedRun) -> SafetyRun:
-        return replace(
-            RUN, number=planned.number, event=planned.event.name, ready="not" if planned.number > 1 else ""
-        )
-
-    def put_in_order(self) -> str:
-        return ""
-
-
-@pytest.fixture
-def starts(monkeypatch: pytest.MonkeyPatch) -> list[Path]:
-    """Folders for which a bench was served."""
     served: list[Path] = []
-
-    @contextmanager
-    def serve(folder: Path, bench: object) -> Iterator[Place]:
-        served.append(folder)
-        yield Place()
-
-    monkeypatch.setattr(safety, "safety_place", serve)
-    return served
-
-
-def test_runs_are_stored_and_continued_with_resume_only(tmp_path: Path, starts: list[Path]) -> None:
+    place = nullcontext(SimpleNamespace(run=result, put_in_order=lambda: ""))
+    monkeypatch.setattr(safety, "safety_place", lambda folder, _: served.append(folder) or place)
     plan, notes = plan_runs(0, full=False), list[str]()
     first = run_safety(Run(folder=tmp_path, progress=lambda *of: notes.append(of[2])), plan)
     assert [run.number for run in first] == [planned.number for planned in plan]
@@ -288,7 +222,7 @@ def test_runs_are_stored_and_continued_with_resume_only(tmp_path: Path, starts: 
     with pytest.raises(InputError, match="--resume"):
         run_safety(Run(folder=tmp_path), plan)
     assert run_safety(Run(folder=tmp_path, resume=True), plan) == first
-    assert len(starts) == 1  # a bench is served only if a run is missing
+    assert len(served) == 1  # a bench is served only if a run is missing
     for seed, full in ((1, False), (0, True)):
         with pytest.raises(InputError, match="continue with the options that it was begun with"):
             run_safety(Run(seed, folder=tmp_path, resume=True), plan_runs(seed, full))

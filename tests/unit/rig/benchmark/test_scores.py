@@ -9,20 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from rig.benchmark.estimators.contenders import (
-    CONTENDERS,
-    WINDOWS,
-    ScriptPass,
-    SharedContact,
-    filtered,
-    score_all,
-    spread,
-    unfiltered,
-)
+from rig.benchmark.estimators import contenders
 from rig.results.scores import is_confidently_wrong, score_series
-from rig.tactile.contact.finder import ContactFinder
 from rig.tactile.estimators import choose_estimator
-from rig.tactile.paper.published import ANGLES
 from rig.tactile.sample import SlipSample, State
 
 Image = NDArray[np.uint8]
@@ -47,7 +36,7 @@ def test_lift_score_matches_the_contract() -> None:
 def test_many_lifts_give_the_mean_of_means_and_the_worst_lift() -> None:
     one = score_series("t1/1", [1.0, 3.0], [None, None], [0.0, 0.0])
     two = score_series("1/2", [4.0, 4.0], [None, None], [0.0, 0.0])
-    score = score_all([one, two])
+    score = contenders.score_all([one, two])
     assert (score.mare.mean_deg, score.mare.std_deg) == (3.0, 0.5)
     assert score.mare_elongated.mean_deg == 2.0
     assert (score.worst_deg, score.worst) == (4.0, "1/2")
@@ -62,7 +51,7 @@ def test_missed_late_and_false_onsets_are_counted() -> None:
         replace(lift, onset_truth_s=true, onset_estimate_s=found, onset_event_s=found)
         for true, found in result
     ]
-    score = score_all(lifts)
+    score = contenders.score_all(lifts)
     assert score.event == score.onset
     assert (score.onset.true, score.onset.missed, score.onset.false_alarms) == (4, 1, 2)
     assert str(score.onset.within) == "1 of 4"
@@ -87,45 +76,38 @@ def test_more_than_10_degrees_and_3_sigma_off_is_confidently_wrong(
     assert is_confidently_wrong(error_deg, sigma_deg) is wrong
     score = score_series("t1/1", [error_deg] * 5, [sigma_deg] * 5, [0.0] * 5)
     assert score.wrong == 5 * wrong
-    assert score_all([score, score]).wrong_lifts == 2 * wrong
+    assert contenders.score_all([score, score]).wrong_lifts == 2 * wrong
 
 
-@pytest.mark.parametrize("name", CONTENDERS)
+@pytest.mark.parametrize("name", contenders.CONTENDERS)
 def test_windows_after_one_pass_equal_the_estimator_run_with_that_window(
     name: str, press: Press, blank: Image
 ) -> None:
     turns = [None, 0, 0, 0, 0, 0, 0, 0, 3, 6, 9, None, 12, 15]
     frames = [press(turn, seed=i) for i, turn in enumerate(turns)]
-    one_pass = unfiltered(blank, None, (name,))[name]
+    one_pass = contenders.unfiltered(blank, None, (name,))[name]
     samples = [one_pass.update(frame, i * FRAME_NS) for i, frame in enumerate(frames)]
     whole = choose_estimator(name).make(blank, None, 1)
     expected = [whole.update(frame, i * FRAME_NS).angle_deg for i, frame in enumerate(frames)]
     window = 2 if name not in ("slip", "ecc") else 1
-    assert [s.angle_deg for s in filtered(name, samples, window)] == expected
-
-
-def test_estimators_with_a_shared_contact_give_the_same_angles(press: Press, blank: Image) -> None:
-    finder = SharedContact(ContactFinder(blank))
-    for frame in (press(10), press(20)):
-        for angle in ANGLES.values():
-            alone = ScriptPass(ContactFinder(blank), angle).update(frame, 0).angle_deg
-            assert ScriptPass(finder, angle).update(frame, 0).angle_deg == alone
+    assert [s.angle_deg for s in contenders.filtered(name, samples, window)] == expected
 
 
 @given(
-    st.lists(st.one_of(st.none(), st.floats(-180, 180)), min_size=1, max_size=30), st.sampled_from(WINDOWS)
+    st.lists(st.one_of(st.none(), st.floats(-180, 180)), min_size=1, max_size=30),
+    st.sampled_from(contenders.WINDOWS),
 )
 def test_window_adds_no_angles_to_refused_frames(angles: list[float | None], window: int) -> None:
     samples = [
         SlipSample(i * FRAME_NS, State.LOST if a is None else State.TRACKING, a) for i, a in enumerate(angles)
     ]
-    made = filtered("ecc", samples, window)
+    made = contenders.filtered("ecc", samples, window)
     assert [s.angle_deg is None for s in made] == [a is None for a in angles]
     known = [a for a in angles if a is not None]
     assert all(min(known) - 1e-9 <= s.angle_deg <= max(known) + 1e-9 for s in made if s.angle_deg is not None)
 
 
 def test_percentiles_are_in_milliseconds() -> None:
-    durations = spread([0.001] * 98 + [0.003, 0.009])
+    durations = contenders.spread([0.001] * 98 + [0.003, 0.009])
     assert (durations.p50_ms, durations.max_ms, durations.count) == (1.0, 9.0, 100)
-    assert spread([]).count == 0
+    assert contenders.spread([]).count == 0

@@ -8,22 +8,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from typer.testing import CliRunner
 
 from drivers.errors import InputError, RigError
 from rig.benchmark.clips.labelled import read_clips
 from rig.benchmark.harness import Run
 from rig.benchmark.measured import Measured
-from rig.benchmark.slip.study import (
-    Contender,
-    SlipOptions,
-    contact_ms,
-    largest_change_deg_s,
-    measure,
-    size_rows,
-    store,
-)
+from rig.benchmark.slip import study
 from rig.cli.main import app
 from rig.frames.estimates import Estimate, zeroed
 from rig.frames.series import TimedFrame
@@ -56,43 +47,37 @@ def estimator(name, background):
 def write_version(folder: Path, cost_s: float) -> Path:
     (folder / "rig" / "tactile").mkdir(parents=True)
     (folder / "rig" / "tactile" / "__init__.py").touch()
-    files = {
-        "tactile/estimators.py": OTHER_VERSION.replace("COST_S", str(cost_s)),
-        "__init__.py": "from rig.tactile.estimators import estimator\n",
-    }
-    for name, text in files.items():
-        (folder / "rig" / name).write_text(text)
+    estimators = OTHER_VERSION.replace("COST_S", str(cost_s))
+    (folder / "rig" / "tactile" / "estimators.py").write_text(estimators)
+    (folder / "rig" / "__init__.py").write_text("from rig.tactile.estimators import estimator\n")
     return folder
 
 
 @pytest.fixture(scope="module")
-def versions(tmp_path_factory: pytest.TempPathFactory) -> Iterator[list[Contender]]:
+def versions(tmp_path_factory: pytest.TempPathFactory) -> Iterator[list[study.Contender]]:
     """A fast and a slow version."""
     folder = tmp_path_factory.mktemp("versions")
-    costs_s = {"fast": 0.001, "slow": 0.02}
+    folders = [write_version(folder / name, cost_s) for name, cost_s in (("fast", 0.001), ("slow", 0.02))]
     with ExitStack() as stack:
-        yield [
-            stack.enter_context(closing(Contender("slip", write_version(folder / name, cost_s))))
-            for name, cost_s in costs_s.items()
-        ]
+        yield [stack.enter_context(closing(study.Contender("slip", each))) for each in folders]
 
 
 def stored(folder: Path, greys: list[int]) -> Path:
     """Store frames of one grey level each."""
     shown = [np.full((8, 8, 3), grey, np.uint8) for grey in greys]
     frames = [TimedFrame("", FrameTime("", i * 10_000_000), image) for i, image in enumerate(shown)]
-    store(folder / "frames.npz", np.zeros((8, 8, 3), np.uint8), frames)
+    study.store(folder / "frames.npz", np.zeros((8, 8, 3), np.uint8), frames)
     return folder / "frames.npz"
 
 
-def test_versions_are_timed_on_frames_with_contact(tmp_path: Path, versions: list[Contender]) -> None:
-    fast_ms, slow_ms = contact_ms(versions, [stored(tmp_path, [0, 1, 0, 1, 1])])
+def test_versions_are_timed_on_frames_with_contact(tmp_path: Path, versions: list[study.Contender]) -> None:
+    fast_ms, slow_ms = study.contact_ms(versions, [stored(tmp_path, [0, 1, 0, 1, 1])])
     assert (len(fast_ms), len(slow_ms)) == (3, 3)
     assert min(fast_ms) >= 1.0
     assert min(slow_ms) >= max(20.0, 2.0 * min(fast_ms))
 
 
-def test_late_frames_of_streams_are_dropped(tmp_path: Path, versions: list[Contender]) -> None:
+def test_late_frames_of_streams_are_dropped(tmp_path: Path, versions: list[study.Contender]) -> None:
     streams, (fast, slow) = [[str(stored(tmp_path, [1] * 6))]] * 2, versions
     frames, dropped, longest_ms = fast.ask("stream", streams, 4.0)
     assert (frames, dropped) == (12, 0)
@@ -107,24 +92,29 @@ def test_late_frames_of_streams_are_dropped(tmp_path: Path, versions: list[Conte
 def test_missing_set_is_an_error_before_the_lifts(options: dict[str, Any]) -> None:
     progress: list[str] = []
     with pytest.raises(InputError, match="nowhere: folder not found"):
-        measure(SlipOptions(**options), Run(jobs=1, progress=lambda *of: progress.append(of[2])))
+        study.measure(study.SlipOptions(**options), Run(jobs=1, progress=lambda *of: progress.append(of[2])))
     assert progress == []
 
 
 def test_missing_or_failing_version_is_named(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="holds no slip rig"):
-        Contender("slip", tmp_path)
+        study.Contender("slip", tmp_path)
     version = write_version(tmp_path / "broken", 0.0)
-    with closing(Contender("slip", version)) as started, pytest.raises(RigError, match="slip in broken"):
-        contact_ms([started], [stored(tmp_path, [255])])
+    with (
+        closing(study.Contender("slip", version)) as started,
+        pytest.raises(RigError, match="slip in broken"),
+    ):
+        study.contact_ms([started], [stored(tmp_path, [255])])
 
 
 def test_largest_change_ignores_refused_frames() -> None:
     angles = [0.0, 1.0, None, 50.0, 46.0]
     samples = [SlipSample(round(i * 1e8), State.TRACKING, angle) for i, angle in enumerate(angles)]
     times = [FrameTime(str(of.time_s), of.time_ns) for of in samples]
-    assert largest_change_deg_s(zeroed(Estimate(tuple(times), tuple(samples)), None)) == pytest.approx(40.0)
-    assert largest_change_deg_s(zeroed(Estimate((times[2],), (samples[2],)), None)) == 0.0
+    assert study.largest_change_deg_s(zeroed(Estimate(tuple(times), tuple(samples)), None)) == pytest.approx(
+        40.0
+    )
+    assert study.largest_change_deg_s(zeroed(Estimate((times[2],), (samples[2],)), None)) == 0.0
 
 
 def test_size_counts_lines_constants_and_parameters(tmp_path: Path) -> None:
@@ -133,17 +123,13 @@ def test_size_counts_lines_constants_and_parameters(tmp_path: Path) -> None:
     (package / "one.py").write_text("A, B = 1, 2.0\nNAME = 'x'\nFLAG = True\n\ndef f():\n    C = 3\n")
     (package / "two.py").write_text("D = math.radians(200.0)\n")
     (tmp_path / "slip.json").write_text('{"parameters": {"one": {"a": 1, "b": 2}, "two": {"c": 3}}}')
-    lines, constants = size_rows(package, tmp_path / "slip.json")
+    lines, constants = study.size_rows(package, tmp_path / "slip.json")
     assert (lines.name, lines.value) == ("lines of slip", 7)
     assert (constants.name, constants.value) == ("constants (3) and parameters (3) of slip", 6)
 
 
 @pytest.fixture(scope="module")
-def clips(
-    press: Callable[..., NDArray[np.uint8]],
-    blank: NDArray[np.uint8],
-    tmp_path_factory: pytest.TempPathFactory,
-) -> Path:
+def clips(press: Callable[..., Any], blank: Any, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with a clip of known angles, and its group."""
     folder = tmp_path_factory.mktemp("clips")
     clip = write_clip(folder / "bar", press, blank)
@@ -159,8 +145,8 @@ def clips(
 @pytest.fixture(scope="module")
 def rows(clips: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Measured]:
     other = write_version(tmp_path_factory.mktemp("other"), 0.02)
-    few = SlipOptions(clips, [clips], clips / "groups.csv", against=[other], lifts=0, drawn=0)
-    return {row.name: row for row in measure(few, Run(jobs=1)).limits}
+    few = study.SlipOptions(clips, [clips], clips / "groups.csv", against=[other], lifts=0, drawn=0)
+    return {row.name: row for row in study.measure(few, Run(jobs=1)).limits}
 
 
 def test_known_clip_meets_limits(rows: dict[str, Measured], clips: Path) -> None:

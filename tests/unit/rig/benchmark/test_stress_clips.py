@@ -7,15 +7,8 @@ import pytest
 
 from drivers.errors import InputError
 from fakes.studio.clips import Clip, Scene, opposite, render_clip
-from rig.benchmark.estimators import stress as d
-from rig.benchmark.estimators.stress import (
-    CONDITIONS,
-    NAMES,
-    Condition,
-    run_stress,
-    stress_rows,
-    stress_tasks,
-)
+from rig.benchmark.estimators import stress
+from rig.benchmark.estimators.stress import CONDITIONS, run_stress, stress_rows
 
 SHORT = Scene("t1:1", angle_deg=6.0, rate_deg_s=60.0)
 
@@ -25,20 +18,15 @@ def clip() -> Clip:
     return render_clip(SHORT)
 
 
-def rng() -> np.random.Generator:
-    return np.random.default_rng(0)
+def disturbed(clip: Clip, change: stress.Disturbance) -> Clip:
+    return change(clip, np.random.default_rng(0))
 
 
-def test_clip_rests_turns_and_rests(clip: Clip) -> None:
-    assert clip.angle_deg[0] == 0.0
-    assert clip.angle_deg[-1] == 6.0
-    moving = np.diff(clip.angle_deg) > 0
-    assert 5 <= moving.sum() <= 7
+def test_clip_rests_turns_rests_and_depends_on_its_scene_and_seed_only(clip: Clip) -> None:
+    assert (clip.angle_deg[0], clip.angle_deg[-1]) == (0.0, 6.0)
+    assert 5 <= (np.diff(clip.angle_deg) > 0).sum() <= 7
     assert len(clip.frames) == len(clip.time_ns) == len(clip.angle_deg)
     assert clip.frames[0].shape == clip.background.shape == (320, 240, 3)
-
-
-def test_clip_depends_on_its_scene_and_seed_only(clip: Clip) -> None:
     render_clip.cache_clear()
     again, other = render_clip(SHORT), render_clip(Scene("t1:1", 6.0, 60.0, seed=1))
     assert all(np.array_equal(a, b) for a, b in zip(clip.frames, again.frames, strict=True))
@@ -53,46 +41,37 @@ def test_unknown_contact_is_an_input_error(contact: str) -> None:
 
 
 @pytest.mark.parametrize("condition", CONDITIONS, ids=lambda c: c.name)
-def test_every_disturbance_keeps_frames_times_and_truth_together(condition: Condition, clip: Clip) -> None:
-    changed = condition.change(clip, rng())
+def test_disturbance_keeps_frames_times_and_truth_together(condition: stress.Condition, clip: Clip) -> None:
+    changed, again = (disturbed(clip, condition.change) for _ in range(2))
     assert len(changed.frames) == len(changed.time_ns) == len(changed.angle_deg) > 0
     assert {f.dtype for f in changed.frames} == {np.dtype(np.uint8)}
     assert {f.shape for f in changed.frames} == {changed.background.shape}
-    again = condition.change(clip, rng())
     assert all(np.array_equal(a, b) for a, b in zip(changed.frames, again.frames, strict=True))
+    if percent := re.fullmatch("LEDs (.*) % off since the background", condition.name):
+        assert np.array_equal(changed.background, clip.background)
+        for i in (0, -1):
+            before, after = (of.frames[i][100:200, 80:160].mean(axis=(0, 1)) for of in (clip, changed))
+            expected = 1.0 + float(percent[1]) / 100.0 * np.array(stress.LED_PATTERN)
+            assert after / before == pytest.approx(expected, abs=0.02)
 
 
 def test_disturbances_have_their_documented_effect(clip: Clip) -> None:
-    grey = float(clip.frames[-1].mean())
-    assert float(d.drift(-0.2, (1, 1, 1))(clip, rng()).frames[-1].mean()) == pytest.approx(
-        0.8 * grey, rel=0.01
-    )
-    assert np.array_equal(d.drift(-0.2, (1, 1, 1))(clip, rng()).frames[0], clip.frames[0])
-    assert d.resized(60, 80)(clip, rng()).background.shape == (80, 60, 3)
-    assert len(d.every(2)(clip, rng()).frames) == (len(clip.frames) + 1) // 2
-    late = d.late(clip, rng()).time_ns
+    darker = disturbed(clip, stress.drift(-0.2, (1, 1, 1))).frames
+    assert float(darker[-1].mean()) == pytest.approx(0.8 * float(clip.frames[-1].mean()), rel=0.01)
+    assert np.array_equal(darker[0], clip.frames[0])
+    assert disturbed(clip, stress.resized(60, 80)).background.shape == (80, 60, 3)
+    assert len(disturbed(clip, stress.every(2)).frames) == (len(clip.frames) + 1) // 2
+    late = disturbed(clip, stress.late).time_ns
     assert sorted(late) == list(clip.time_ns) != list(late)
-    doubled = d.duplicated(clip, rng())
+    doubled = disturbed(clip, stress.duplicated)
     assert np.array_equal(doubled.frames[5], clip.frames[4])
     assert doubled.time_ns == clip.time_ns
-
-
-def test_errors_of_leds_since_the_background_scale_each_channel_of_every_frame(clip: Clip) -> None:
-    """The two conditions had no effect on the frames once."""
-    for condition in CONDITIONS:
-        if percent := re.fullmatch("LEDs (.*) % off since the background", condition.name):
-            changed, middle = condition.change(clip, rng()), np.s_[100:200, 80:160]
-            for before, after in ((clip.frames[0], changed.frames[0]), (clip.frames[-1], changed.frames[-1])):
-                gains = after[middle].mean(axis=(0, 1)) / before[middle].mean(axis=(0, 1))
-                expected = 1.0 + float(percent[1]) / 100.0 * np.array(d.LED_PATTERN)
-                assert gains == pytest.approx(expected, abs=0.02)
-            assert np.array_equal(changed.background, clip.background)
 
 
 def test_conditions_have_unique_names_and_all_have_tasks() -> None:
     names = [c.name for c in CONDITIONS]
     assert len(set(names)) == len(names) > 30
-    assert set(stress_tasks()) == {(c.group, contact) for c in CONDITIONS for contact in c.contacts}
+    assert set(stress.stress_tasks()) == {(c.group, contact) for c in CONDITIONS for contact in c.contacts}
 
 
 def test_rotation_is_followed_and_a_ball_is_refused() -> None:
@@ -101,7 +80,7 @@ def test_rotation_is_followed_and_a_ball_is_refused() -> None:
     assert set(ours) == {c.name for c in CONDITIONS if c.group == "size"}
     # it follows 30 degrees; the benchmark measures the error
     assert all(score.mare.mean_deg < 3.0 for score in ours.values())
-    balls = stress_rows(run_stress(0, NAMES, ("round", "3:0")))
-    assert {row.estimator for row in balls} == set(NAMES)
+    balls = stress_rows(run_stress(0, stress.NAMES, ("round", "3:0")))
+    assert {row.estimator for row in balls} == set(stress.NAMES)
     assert all(row.refused for row in balls)
     assert [row.score.answered for row in balls if row.estimator == "slip"] == [0.0, 0.0]

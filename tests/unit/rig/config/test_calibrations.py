@@ -55,6 +55,7 @@ def test_calibration_files_are_used_and_announced(tmp_path: Path, monkeypatch: p
     keep(folder, "sync", {"reference": "arm", "stream": "SIM-C0001"}, {"add_to_stream_s": -0.004})
     keep(folder, "hand-eye", CAMERA_SERIAL, PLACE)
     monkeypatch.chdir(tmp_path)
+    assert not find_calibrations(load_bench("fake"), tmp_path / "nothing").files
     said: list[str] = []
     bench = load_calibrated_bench("fake", said.append)
     assert len(said) == 4
@@ -63,6 +64,9 @@ def test_calibration_files_are_used_and_announced(tmp_path: Path, monkeypatch: p
     assert bench.base_T_camera().position_m == (0.4, -0.6, 0.2)
     assert bench.pixel_aspects() == {"SIM-D0001": 0.978, "SIM-D0002": 0.97}
     assert bench.calibrations.time_shift_s == {"SIM-C0001": -0.004}
+    plain = load_bench("fake")
+    assert plain.camera_model().matrix[0, 0] == plain.camera.focal_px
+    assert plain.base_T_camera() == plain.camera.base_T_camera()
     # the copy in a session is what a replay reads
     assert BenchConfig.model_validate(bench.model_dump(mode="json")) == bench
 
@@ -80,14 +84,6 @@ def test_uncertainty_of_camera_and_hand_eye_is_used(tmp_path: Path) -> None:
     assert known.terms == (0, 1)
     assert known.covariance.tolist() == lens["covariance"]
     assert stored.camera_turn_sigma_rad() == pytest.approx(0.002)
-
-
-def test_bench_without_calibrations_equals_its_file(tmp_path: Path) -> None:
-    bench = load_bench("fake")
-    found = find_calibrations(bench, tmp_path / "nothing")
-    assert not found.files
-    assert bench.camera_model().matrix[0, 0] == bench.camera.focal_px
-    assert bench.base_T_camera() == bench.camera.base_T_camera()
 
 
 def tip_from_tcp(bench: BenchConfig, away_m: float) -> dict[str, object]:
@@ -130,16 +126,12 @@ def test_calibrations_that_cannot_be_used_are_left_out(tmp_path: Path) -> None:
         assert ["calibration not used" in line for line in said] == ([] if refused else [True])
 
 
-@pytest.mark.parametrize("renamed", [False, True])
-def test_calibration_of_another_serial_is_rejected_also_after_renaming(tmp_path: Path, renamed: bool) -> None:
+def test_camera_calibration_of_another_serial_or_image_size_is_rejected(tmp_path: Path) -> None:
     path = keep(tmp_path, "camera", {"camera": "OTHER"}, camera_info(CAMERA, "OTHER"))
-    if renamed:
-        path.rename(tmp_path / "camera-SIM-C0001.yaml")
-    with pytest.raises(CalibrationError, match="belongs to camera OTHER, the bench has SIM-C0001"):
-        find_calibrations(load_bench("fake"), tmp_path)
-
-
-def test_camera_calibration_of_another_image_size_is_rejected(tmp_path: Path) -> None:
+    for name in ("camera-OTHER.yaml", "camera-SIM-C0001.yaml"):
+        path = path.rename(tmp_path / name)
+        with pytest.raises(CalibrationError, match="belongs to camera OTHER, the bench has SIM-C0001"):
+            find_calibrations(load_bench("fake"), tmp_path)
     larger = CameraModel((1280, 720), CAMERA.matrix, CAMERA.distortion)
     keep(tmp_path, "camera", CAMERA_SERIAL, camera_info(larger, "SIM-C0001"))
     said = r"\(1280, 720\) px, but the bench file has size_px = \[640, 480\]"
@@ -206,14 +198,6 @@ def test_yaml_aliases_that_expand_to_gigabytes_are_rejected(tmp_path: Path) -> N
         find_calibrations(load_bench("fake"), tmp_path)
 
 
-def test_simulated_calibration_is_rejected_on_a_real_bench(tmp_path: Path) -> None:
-    keep(tmp_path, "tactile", {"tactile": "SIM-D0001"}, {"pixel_aspect": 1.0})
-    values = load_bench("wire").model_dump()
-    real = BenchConfig.model_validate({**values, "fakes": None})
-    with pytest.raises(CalibrationError, match="made on simulated devices"):
-        find_calibrations(real, tmp_path)
-
-
 def test_measured_openings_are_extrapolated_with_the_nominal_slope() -> None:
     limits = GripperLimitsConfig(min_counts=6, max_opening_m=0.120, opening_per_count_m=0.0006)
     spec = limits.spec(((50.0, 0.090), (100.0, 0.065), (150.0, 0.030)))
@@ -267,18 +251,17 @@ def test_gel_named_in_the_bench_file_is_stored_for_a_replay(tmp_path: Path) -> N
     assert not load_bench("fake").gel_looks()
 
 
-@pytest.mark.parametrize(
-    ("simulated", "serial", "said"),
-    [
+def test_calibration_of_a_simulated_or_another_sensor_is_refused_for_a_real_one(tmp_path: Path) -> None:
+    keep(tmp_path, "tactile", {"tactile": "SIM-D0001"}, {"pixel_aspect": 1.0})
+    real = BenchConfig.model_validate({**load_bench("wire").model_dump(), "fakes": None})
+    with pytest.raises(CalibrationError, match="made on simulated devices"):
+        find_calibrations(real, tmp_path)
+    for simulated, serial, said in (
         (True, "D20641", "was made on simulated devices"),
         (False, "D20642", "belongs to tactile D20641, the bench has D20642"),
-    ],
-)
-def test_gel_of_a_simulated_or_another_sensor_is_refused_for_a_real_one(
-    tmp_path: Path, simulated: bool, serial: str, said: str
-) -> None:
-    bench = with_gel(tmp_path, "bench.toml", simulated)
-    real = bench.tactile[0].model_copy(update={"driver": "digit", "serial": serial})
-    mixed = bench.model_copy(update={"tactile": (real, bench.tactile[1])})
-    with pytest.raises(CalibrationError, match=said):
-        find_calibrations(mixed, tmp_path / "nothing")
+    ):
+        bench = with_gel(tmp_path, "bench.toml", simulated)
+        tip = bench.tactile[0].model_copy(update={"driver": "digit", "serial": serial})
+        mixed = bench.model_copy(update={"tactile": (tip, bench.tactile[1])})
+        with pytest.raises(CalibrationError, match=said):
+            find_calibrations(mixed, tmp_path / "nothing")

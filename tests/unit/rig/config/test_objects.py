@@ -109,22 +109,20 @@ def test_duplicate_object_name_is_rejected_with_both_files(folder: Path, key: st
         read_objects(folder)
 
 
-def test_objects_in_a_bench_file_are_rejected(tmp_path: Path, folder: Path) -> None:
-    config = with_objects(load_bench("fake"), "fake", folder)
-    assert "cardboard" not in bench_text(config)
-    file = tmp_path / "bench.toml"
-    file.write_text("objects = []\n" + bench_text(config))
-    with pytest.raises(InputError, match="line 1: objects: must not be in a bench file"):
-        load_bench(str(file))
-
-
-def test_stored_bench_contains_only_the_objects_it_needs(folder: Path) -> None:
+def test_stored_bench_contains_only_the_objects_it_needs_and_a_bench_file_none(
+    tmp_path: Path, folder: Path
+) -> None:
     config = with_objects(load_bench("fake"), "fake", folder)
     kept = with_objects_of(config, ["t1", "box"])
     assert BenchConfig.model_validate_json(kept.model_dump_json()).objects == kept.objects == config.objects
     without = with_objects_of(config, ["t1"])
     assert "objects" not in without.model_dump(), "as sessions from before have it"
     assert with_more(without, kept.objects).objects == kept.objects
+    assert "cardboard" not in bench_text(config)
+    file = tmp_path / "bench.toml"
+    file.write_text("objects = []\n" + bench_text(config))
+    with pytest.raises(InputError, match="line 1: objects: must not be in a bench file"):
+        load_bench(str(file))
 
 
 def test_new_object_file_is_valid_and_overwrites_nothing(tmp_path: Path) -> None:

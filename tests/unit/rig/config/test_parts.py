@@ -100,11 +100,8 @@ def test_one_fingertip_is_too_few_for_closing_fingers() -> None:
     with pytest.raises(InputError, match=r"rig trial needs two \[\[tactile\]\], which bench 'fake' lacks"):
         require_parts(config, "rig trial")
     require_parts(config, "rig record --by hand")
-
-
-def test_whole_benches_have_all_parts() -> None:
-    for config in (*map(load_bench, ("fake", "hard", "wire")), parse_bench(REAL, "b.toml")):
-        assert [*working(config)] == [*NEEDS]
+    for whole in (*map(load_bench, ("fake", "hard", "wire")), parse_bench(REAL, "b.toml")):
+        assert [*working(whole)] == [*NEEDS]
 
 
 @pytest.mark.parametrize(
@@ -179,6 +176,8 @@ def test_real_sensors_beside_a_simulated_arm_work_in_commands_without_motion(tex
 
 def test_data_are_simulated_if_their_own_device_is() -> None:
     mixed = parse_bench(as_digits(FAKE), "b.toml")
+    fault = '\n[[faults]]\ndevice = "arm"\nkind = "drop"\nat_s = 1.0\n'
+    assert "faults: work only if all devices are simulated in" in refusal(as_digits(FAKE) + fault)
     assert not mixed.gives_simulated("SIM-D0001")
     assert mixed.gives_simulated("SIM-C0001")
     assert mixed.gives_simulated("arm")
@@ -188,13 +187,6 @@ def test_data_are_simulated_if_their_own_device_is() -> None:
         assert load_bench(name).gives_simulated("SIM-D0001")
         assert load_bench(name).fingertips_alone().simulated
     assert not parse_bench(REAL, "b.toml").gives_simulated("D20001", "D20002", "camera", "arm", "gripper")
-
-
-def test_scripted_faults_are_refused_beside_real_devices() -> None:
-    fault = '\n[[faults]]\ndevice = "arm"\nkind = "drop"\nat_s = 1.0\n'
-    assert "faults: work only if all devices are simulated in this process" in refusal(
-        as_digits(FAKE) + fault
-    )
 
 
 @pytest.mark.parametrize("text", [DESK, FAKE, REAL, as_digits(FAKE)], ids=["desk", "fake", "real", "mixed"])

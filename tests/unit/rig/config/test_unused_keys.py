@@ -76,12 +76,9 @@ def test_network_address_is_rejected_with_a_serial_line() -> None:
     assert parse_bench("\n".join(kept), "b.toml").gripper.device == "/dev/ttyUSB0"
 
 
-def test_keys_at_their_fixed_value_are_accepted() -> None:
+def test_keys_at_their_fixed_value_and_limits_and_markers_of_a_simulated_bench_are_accepted() -> None:
     said = after(after(FAKE, "[arm]", "tcp_m = [0.0, 0.0, 0.28]"), "[[tactile]]", "size_px = [240, 320]")
     assert parse_bench(said, "b.toml") == parse_bench(FAKE, "b.toml")
-
-
-def test_simulated_bench_file_may_contain_limits_and_markers() -> None:
     text = after(after(FAKE, "[arm]", "limits.max_speed_m_s = 0.3"), "[gripper]", "limits.max_counts = 230")
     config = parse_bench(after(text, "[[tactile]]", "markers = true"), "b.toml")
     assert (config.arm.limits.max_speed_m_s, config.gripper.limits.max_counts) == (0.3, 230)

@@ -11,9 +11,8 @@ from drivers.errors import DeviceError
 from rig.experiments.attempts import Attempt, Run, run_session
 from rig.experiments.lift_plan import LiftTask
 from rig.results.table import lifts_csv
-from rig.sessions.records import LIFTS, Lift
+from rig.sessions.records import LIFTS, Lift, LiftTiming
 from rig.sessions.rows import read_lifts
-from rig.sessions.timing import LiftTiming
 from support.recordings import trial_request
 
 MakeRow = Callable[..., Lift]

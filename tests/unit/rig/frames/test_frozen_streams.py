@@ -1,23 +1,15 @@
 """A frozen sensor in every stream: no angle, the state `frozen`, a message, and normal again afterwards."""
 
-import io
 import shutil
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
 from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
-from mcap.reader import make_reader
-from mcap.writer import CompressionType, Writer
 
 import rig
-from drivers.bench import Fingertip
-from drivers.clock import NS_PER_S, SystemClock
-from drivers.errors import DeviceTimeoutError
+from drivers.clock import NS_PER_S
 from drivers.images import decode_stored, encode_jpeg, encode_png
 from drivers.tally import FROZEN_NS
 from drivers.types import Frame, Image
@@ -25,12 +17,13 @@ from rig.contract_checks import gel, pressed_bar
 from rig.experiments.lift_plan import stored_trial
 from rig.experiments.replay import run_replay
 from rig.live.desk import Desk, DeskSettings, Reading
-from rig.live.feed import LiveFeed, Sender
-from rig.python import fingertip
-from rig.python.fingertip import LiveFingertip
+from rig.live.feed import Sender
+from rig.python.fingertip import BACKGROUND_FRAMES, LiveFingertip
 from rig.tactile.estimators import ESTIMATORS, TOSKOV, choose_estimator
 from support.command_line import rig as command
 from support.desk_frames import GivenFrames
+from support.played_sensor import play
+from support.recordings import written_again
 
 RATE_HZ = 60.0
 UNTOUCHED, LIVE, FROZEN, AFTER = 20, 50, 60, 60
@@ -92,7 +85,7 @@ def test_live_view_shows_the_state_and_a_notice() -> None:
     frames = [Frame(image, round(i / RATE_HZ * NS_PER_S), i, "D") for i, image in enumerate(clip())]
     found: list[Reading] = []
     notices: list[str] = []
-    with Desk([GivenFrames(frames)], DeskSettings(choose_estimator("slip")), Sender(LiveFeed())) as desk:
+    with Desk([GivenFrames(frames)], DeskSettings(choose_estimator("slip")), Sender()) as desk:
         while not desk.ended:
             found += desk.step()
             notices += [] if notices[-1:] == [desk.notice] else [desk.notice]
@@ -116,33 +109,10 @@ def test_frames_of_a_folder_are_marked_and_counted(tmp_path: Path) -> None:
 def test_fingertip_of_a_program_has_the_state_and_logs_it(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    images = clip()[UNTOUCHED - fingertip.BACKGROUND_FRAMES : FROZEN_FROM + FROZEN]
-    clock, states = SystemClock(), []
-
-    class Sensor:
-        serial = "PLAYED"
-
-        def connect(self) -> None:
-            """The images are there."""
-
-        disconnect = connect
-
-        def next_frame(self, timeout_s: float) -> Frame:
-            clock.sleep_until(clock.now_ns() + NS_PER_S // 50)
-            if not images:
-                raise DeviceTimeoutError("PLAYED: no frame")
-            return Frame(images.pop(0), clock.now_ns(), 0, self.serial)
-
-        newest_frame = next_frame
-
-    @contextmanager
-    def bench(config: Any) -> Iterator[Any]:
-        yield SimpleNamespace(fingertips=(Fingertip(Sensor(), "B", 1),), clock=clock)  # type: ignore[arg-type]
-
-    monkeypatch.setattr(fingertip, "unconnected_bench", bench)
-    tip = LiveFingertip("fake", "B", "ellipse")
+    sensor = play(monkeypatch, clip()[UNTOUCHED - BACKGROUND_FRAMES : FROZEN_FROM + FROZEN])
+    tip, states = LiveFingertip("fake", "B", "ellipse"), []
     tip.connect()
-    while len(images) > 1:
+    while len(sensor.images) > 1:
         tip.next(5.0)
         states.append(tip.angle())
     tip.disconnect()
@@ -151,40 +121,27 @@ def test_fingertip_of_a_program_has_the_state_and_logs_it(
     assert "the sensor repeats its picture" in caplog.text
 
 
-def frozen_from(recording: Path, topic: str, first: int) -> None:
-    """Write a recording in which a camera froze at its nth picture, encoded again each time."""
-    stream = io.BytesIO()
-    writer = Writer(stream, compression=CompressionType.NONE)
-    writer.start()
-    channels: dict[int, int] = {}
-    seen, kept = 0, b""
-    with recording.open("rb") as source:
-        for schema, channel, message in make_reader(source).iter_messages(log_time_order=False):
-            assert schema is not None
-            if channel.id not in channels:
-                number = writer.register_schema(schema.name, schema.encoding, schema.data)
-                channels[channel.id] = writer.register_channel(
-                    channel.topic, channel.message_encoding, number, dict(channel.metadata)
-                )
-            data = message.data
-            if channel.topic == topic:
-                picture = CompressedImage.FromString(data)
-                kept = picture.data if seen <= first else kept
-                if seen > first:
-                    picture.data = encode_jpeg(one_pixel(decode_stored(kept), seen), 95)
-                data, seen = picture.SerializeToString(), seen + 1
-            writer.add_message(
-                channels[channel.id], message.log_time, data, message.publish_time, message.sequence
-            )
-    writer.finish()
-    recording.write_bytes(stream.getvalue())
+def frozen_from(first: int) -> Callable[[int, bytes], bytes]:
+    """Return a change of a camera's messages: it freezes at its nth picture, encoded again each time."""
+    kept = b""
+
+    def change(number: int, data: bytes) -> bytes:
+        nonlocal kept
+        picture = CompressedImage.FromString(data)
+        kept = picture.data if number <= first else kept
+        if number > first:
+            picture.data = encode_jpeg(one_pixel(decode_stored(kept), number), 95)
+        return picture.SerializeToString()
+
+    return change
 
 
 def test_replay_of_a_frozen_fingertip_has_no_angle_and_a_warning(tmp_path: Path) -> None:
     session = shutil.copytree(STORED, tmp_path / "trial")
     [stored] = run_replay(stored_trial(session), jobs=1).rows
     assert "frozen" not in stored.states
-    frozen_from(session / stored.recording, "/image/SIM-D0001", stored.frames["SIM-D0001"] - 20)
+    change = frozen_from(stored.frames["SIM-D0001"] - 20)
+    written_again(session / stored.recording, changed=("/image/SIM-D0001", change))
     [again] = run_replay(stored_trial(session), jobs=1).rows
     assert again.states["frozen"] >= 3
     assert "repeat" in again.warnings[0]

@@ -1,6 +1,7 @@
 """Angles from lines drawn by hand in two passes, and their sigma."""
 
 import math
+from pathlib import Path
 
 import pytest
 from hypothesis import given
@@ -34,23 +35,21 @@ def test_frames_without_both_lines_are_left_out() -> None:
     assert [label.frame for label in labels] == [0, 2]
 
 
+SHORT = {0: line(0), 1: line(0, length_px=5)}
+
+
 @pytest.mark.parametrize(
-    ("one", "two", "why"),
+    ("drawn", "why"),
     [
-        ({1: 5, 2: 9}, {1: 5, 2: 9}, "the reference frame 0"),
-        ({0: 5}, {0: 5}, "and one other need a line"),
-        ({0: 0, 1: 5}, {0: 0, 1: 184}, "frame 1: both passes differ by"),
+        (passes({1: 5, 2: 9}, {1: 5, 2: 9}), "the reference frame 0"),
+        (passes({0: 5}, {0: 5}), "and one other need a line"),
+        (passes({0: 0, 1: 5}, {0: 0, 1: 184}), "frame 1: both passes differ by"),
+        ([SHORT, SHORT], "frame 1: its line is shorter than 10 px"),
     ],
 )
-def test_lines_without_an_angle_are_rejected(one: dict[int, float], two: dict[int, float], why: str) -> None:
+def test_lines_without_an_angle_are_rejected(drawn: list[dict[int, Line]], why: str) -> None:
     with pytest.raises(InputError, match=why):
-        angle_labels(passes(one, two), 0)
-
-
-def test_a_line_that_is_too_short_is_refused() -> None:
-    short = {0: line(0), 1: line(0, length_px=5)}
-    with pytest.raises(InputError, match="frame 1: its line is shorter than 10 px"):
-        angle_labels([short, short], 0)
+        angle_labels(drawn, 0)
 
 
 @given(st.lists(st.floats(-80, 80), min_size=2, max_size=12), st.floats(-180, 180), st.floats(-180, 180))
@@ -63,8 +62,8 @@ def test_labels_do_not_depend_on_the_direction_of_the_drawn_feature(
         assert label.angle_deg == pytest.approx(turn - total[0], abs=1e-6)
 
 
-def test_benchmark_reads_the_written_labels(tmp_path_factory: pytest.TempPathFactory) -> None:
-    file = tmp_path_factory.mktemp("labels") / "labels.csv"
+def test_benchmark_reads_the_written_labels(tmp_path: Path) -> None:
+    file = tmp_path / "labels.csv"
     labels = angle_labels(passes({5: 30, 9: 40, 12: 20}, {5: 31, 9: 43, 12: 21}), 5)
     file.write_text(labels_csv(labels, 5))
     reference, read, _ = read_labels(file)

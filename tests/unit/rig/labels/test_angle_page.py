@@ -64,13 +64,6 @@ class Asked:
         self.reports += [answer.report] if answer.report else []
         return answer.status, json.loads(answer.body) if answer.kind == "application/json" else answer.body
 
-    def draw(self, frames: list[int], shift_px: float = 0.0) -> None:
-        for drawn_in in (0, 1):
-            for frame in frames:
-                for x, y in true_ends(frame):
-                    click = {"drawn_in": drawn_in, "frame": frame, "x": x, "y": y + drawn_in * shift_px}
-                    assert self.post("click", click)[0] == 200
-
 
 @pytest.fixture
 def page(clip: Path) -> Asked:
@@ -101,22 +94,16 @@ def test_only_frames_with_contact_are_offered(clip: Path, blank: Image) -> None:
         cv2.imwrite(str(clip / "frames" / f"{number:03d}.png"), blank[..., ::-1])
     assert opened(clip, 100).choice == FrameChoice(2, (2, 3, 4, 5, 10, 11, 12, 13))
     assert opened(clip, 4).choice == FrameChoice(2, (2, 4, 11, 13))
-
-
-def test_clip_without_a_contact_is_rejected(clip: Path) -> None:
+    for number in (0, 7, 99):
+        with pytest.raises(InputError, match=f"--reference {number} shows no contact .* in frames 2 to 13"):
+            opened(clip, reference=number)
+    with pytest.raises(InputError, match="no contact follows frame 13"):
+        opened(clip, reference=13)
     grey = np.full((320, 240, 3), 90, np.uint8)
     for file in (clip / "frames").iterdir():
         cv2.imwrite(str(file), grey)
     with pytest.raises(InputError, match="no frame shows a contact: compare the background"):
         choose_frames(read_frames(clip / "frames"), grey, 3)
-
-
-def test_reference_without_contact_is_rejected(clip: Path) -> None:
-    for number in (0, 99):
-        with pytest.raises(InputError, match=f"--reference {number} shows no contact .* in frames 2 to 13"):
-            opened(clip, reference=number)
-    with pytest.raises(InputError, match="no contact follows frame 13"):
-        opened(clip, reference=13)
 
 
 def test_clip_and_clicks_need_the_token(page: Asked) -> None:
@@ -153,20 +140,17 @@ def test_command_ends_if_the_process_of_the_page_has_ended(server: AngleServer) 
         server.labels_written(timeout_s=10.0)
 
 
-def test_a_click_is_on_disk_before_it_is_answered(page: Asked, clip: Path) -> None:
-    for number, (x, y) in enumerate(true_ends(2), 1):
-        assert page.post("click", {"drawn_in": 0, "frame": 2, "x": x, "y": y})[0] == 200
+def test_clicks_are_on_disk_before_they_are_answered_and_taken_back_one_by_one(
+    page: Asked, clip: Path
+) -> None:
+    for number, x in enumerate((10, 60, 20), 1):
+        assert page.post("click", {"drawn_in": 0, "frame": 2, "x": x, "y": 50})[0] == 200
         kept = read_drawn(clip / LINES)
         assert kept is not None
         assert len(kept.clicks) == number
         assert not list(clip.glob("*.part"))
-
-
-def test_undo_takes_clicks_back_one_by_one(page: Asked) -> None:
-    for x in (10, 60, 20):
-        page.post("click", {"drawn_in": 0, "frame": 2, "x": x, "y": 50})
-    assert page.post("undo", {})[1]["ends"][0] == {"2": [[10.0, 50.0], [60.0, 50.0]]}
-    assert page.post("undo", {})[1]["ends"][0] == {"2": [[10.0, 50.0]]}
+    for left in ({"2": [[10.0, 50.0], [60.0, 50.0]]}, {"2": [[10.0, 50.0]]}):
+        assert page.post("undo", {})[1]["ends"][0] == left
     assert page.post("undo", {})[1] == {"ends": [{}, {}], "last": None}
     assert page.post("undo", {})[0] == 200
 
@@ -209,7 +193,7 @@ def test_full_disk_is_reported_and_the_click_discarded(page: Asked, monkeypatch:
     assert page.log.clicks == ()
 
 
-def test_lines_that_were_begun_go_on(clip: Path) -> None:
+def test_lines_that_were_begun_go_on_with_the_same_clip_only(clip: Path) -> None:
     to_label = opened(clip)
     log = LineLog(clip / LINES, to_label)
     log.add(Click(0, 2, 10.0, 20.0))
@@ -218,6 +202,10 @@ def test_lines_that_were_begun_go_on(clip: Path) -> None:
     assert again.passes() == [{2: (10.0, 20.0, 60.0, 20.0)}, {}]
     again.undo()
     assert angle_lines.ends_in(again.clicks, 0) == {2: [(10.0, 20.0)]}
+    content = json.loads((clip / LINES).read_text())
+    (clip / LINES).write_text(json.dumps(content | {"size_px": [320, 240]}))
+    with pytest.raises(InputError, match="of another size"):
+        LineLog(clip / LINES, to_label, read_drawn(clip / LINES))
 
 
 @pytest.mark.parametrize("text", ["", "{}", "[]", '{"schema": 1}', "\x00", '{"schema": 1, "clicks": 5}'])
@@ -226,12 +214,3 @@ def test_a_damaged_file_of_lines_is_named_and_never_replaced(clip: Path, text: s
     with pytest.raises(InputError, match="move the file away"):
         read_drawn(clip / LINES)
     assert (clip / LINES).read_text() == text
-
-
-def test_lines_of_another_clip_are_refused(clip: Path) -> None:
-    to_label = opened(clip)
-    LineLog(clip / LINES, to_label).add(Click(0, 2, 10.0, 20.0))
-    content = json.loads((clip / LINES).read_text())
-    (clip / LINES).write_text(json.dumps(content | {"size_px": [320, 240]}))
-    with pytest.raises(InputError, match="of another size"):
-        LineLog(clip / LINES, to_label, read_drawn(clip / LINES))

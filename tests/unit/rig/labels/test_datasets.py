@@ -78,8 +78,7 @@ def test_a_label_drawn_on_another_size_is_scaled() -> None:
     assert np.count_nonzero(mask) == 4 * 600
 
 
-def tiny_size(path: Path) -> None:
-    path.write_text(json.dumps({"shapes": [{"points": SQUARE}], "imageHeight": 1e-300, "imageWidth": 9}))
+TINY = json.dumps({"shapes": [{"points": SQUARE}], "imageHeight": 1e-300, "imageWidth": 9})
 
 
 @pytest.mark.parametrize(
@@ -95,7 +94,7 @@ def tiny_size(path: Path) -> None:
         (lambda d: write_label(d / "a.json", [[0.0, 0.0], [900.0, 9.0], [5.0, 9.0]]), "far outside"),
         (lambda d: (d / "a.json").write_text('{"shapes": [7]}'), "points cannot be read"),
         (lambda d: (d / "a.json").write_text('{"shapes": [], "x": ' + "[" * 9000), "nested too deeply"),
-        (lambda d: tiny_size(d / "a.json"), "far outside"),
+        (lambda d: (d / "a.json").write_text(TINY), "far outside"),
         (lambda d: (d / "a.png").unlink(), "not beside it"),
     ],
 )

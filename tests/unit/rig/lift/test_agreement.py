@@ -123,49 +123,47 @@ def measured(
         tip.sign = -tip.sign if number in flipped else tip.sign
     phases_ns = {name: round(time_s * NS_PER_S) for name, time_s in row.phases_s.items()}
     show_again(session / row.recording, Changed(measurement, time_of), phases_ns)
-    return lift_result(measurement, row)[0]
+    return lift_result(measurement, row)
+
+
+def notices_of(session: Path, row: Lift, warning: str) -> list[str]:
+    """Fail unless a lift's note and table have a warning; return the notices of its page, worst first."""
+    assert warning in lift_note(row)
+    assert warning.encode() in lifts_csv([row])
+    trial = read_trial(session, read_manifest(session))
+    found = trial_notices(replace(trial, lifts=[row]))
+    assert found[0].level == "bad"
+    return [notice.what for notice in found]
 
 
 def test_normal_lift_has_no_warning(one_lift: Path) -> None:
     assert measured(one_lift).warnings == ()
 
 
-def test_lift_with_exchanged_fingertips_is_named_in_row_note_and_table(one_lift: Path) -> None:
+def test_lift_with_exchanged_fingertips_is_named_in_row_note_table_and_page(one_lift: Path) -> None:
     row = measured(one_lift, flipped=(0, 1))
     assert row.turns_against is not None
     assert row.re is not None
     assert row.re.mean_deg > 5.0
-    assert "WARNING: the fingertips may be exchanged" in lift_note(row)
-    assert b"the fingertips may be exchanged" in lifts_csv([row])
-    trial = read_trial(one_lift, read_manifest(one_lift))
-    changed = replace(trial, lifts=tuple(row for lift in trial.lifts))
-    notice = trial_notices(changed)[0]
-    assert notice.level == "bad"
-    assert "turns against the markers" in notice.what
+    found = notices_of(one_lift, row, "the fingertips may be exchanged")
+    assert "turns against the markers" in found[0]
 
 
 @pytest.mark.parametrize(("camera", "late_s"), [(True, 0.2), (False, 0.2), (True, -0.15)])
-def test_lift_with_late_frames_is_named_in_row_table_and_page(
+def test_lift_with_late_frames_is_named_in_row_note_table_and_page(
     one_lift: Path, camera: bool, late_s: float
 ) -> None:
     row = measured(one_lift, lambda f: f.time_ns + (to_ns(late_s) if ("C0001" in f.serial) == camera else 0))
     assert row.lag is not None
     assert row.lag.lag_s == pytest.approx(-late_s if camera else late_s, abs=0.03)
-    assert "the markers (clocks of camera and fingertips)" in lift_note(row)
-    assert b"clocks of camera and fingertips" in lifts_csv([row])
-    trial = read_trial(one_lift, read_manifest(one_lift))
-    changed = replace(trial, lifts=tuple(row for lift in trial.lifts))
-    assert any("do not turn at the same time" in notice.what for notice in trial_notices(changed))
+    found = notices_of(one_lift, row, "the markers (clocks of camera and fingertips)")
+    assert any("do not turn at the same time" in what for what in found)
 
 
-def test_lift_whose_camera_has_another_speed_is_named_in_row_table_and_page(one_lift: Path) -> None:
+def test_lift_whose_camera_has_another_speed_is_named_in_note_table_and_page(one_lift: Path) -> None:
     row = replace(read_finished_lifts(one_lift)[0], clock_rates={"SIM-C0001": 0.7})
     named = "time stamps at another speed than this computer's clock: SIM-C0001 at 0.70"
-    assert named in lift_note(row)
-    assert named.encode() in lifts_csv([row])
-    trial = read_trial(one_lift, read_manifest(one_lift))
-    changed = replace(trial, lifts=tuple(row for lift in trial.lifts))
-    assert any(named in notice.what for notice in trial_notices(changed))
+    assert any(named in what for what in notices_of(one_lift, row, named))
 
 
 def rates(speed: dict[str, float], load: float = 0.0, jitter_s: float = 0.02) -> dict[str, float]:

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rig.lift.fusion import MAX_SKEW_NS, Disagreement, FusedAngles, fuse
+from rig.lift.object_angle import MAX_SKEW_NS, Disagreement, FusedAngles, fuse
 from rig.tactile.sample import SlipSample, State
 
 angles = st.floats(-180.0, 180.0)
@@ -60,52 +60,47 @@ def test_fused_rate_uses_only_the_accepted_fingertips() -> None:
     assert fuse(stuck, [replace(answer(0.5, 0.5), rate_deg_s=0.3)]).rate_deg_s == pytest.approx(0.2)
 
 
-def test_both_fingertips_count_at_ten_frames_per_second() -> None:
-    now = answer(20.0, 1.0, time_ns=100_000_000)
-    fused = fuse(now, [answer(19.2, 1.0, time_ns=50_000_000)], answer(18.0))
-    assert fused.angle_deg == pytest.approx(20.1)
-
-
-def test_one_fingertip_with_an_angle_is_enough() -> None:
-    assert fuse(answer(None), [answer(3.0)]).angle_deg == 3.0
-    assert fuse(answer(None), [answer(None)]).angle_deg is None
-    assert fuse(answer(None), []).state is State.UNOBSERVABLE
-
-
-def test_old_answer_is_not_fused() -> None:
-    fused = fuse(answer(1.0, time_ns=MAX_SKEW_NS + 1), [answer(9.0)])
-    assert fused.angle_deg == 1.0
-
-
-def test_older_answer_is_extrapolated_to_the_newer_time() -> None:
-    moving = replace(answer(5.0, 0.1), rate_deg_s=60.0)
-    fused = fuse(answer(None, time_ns=10_000_000), [moving])
-    assert fused.angle_deg == pytest.approx(5.6)
+def moving(angle: float | None, sigma: float, rate_deg_s: float, time_ns: int = 0) -> SlipSample:
+    return replace(answer(angle, sigma, time_ns), rate_deg_s=rate_deg_s)
 
 
 @pytest.mark.parametrize(
-    ("first", "second", "expected"),
+    ("now", "other", "before", "expected"),
     [
-        (10.0, 10.5, None),
-        (10.0, 13.0, Disagreement.TILT),
-        (10.0, 1.0, Disagreement.ONE_PAD_SLIPS),
-        (10.0, -10.0, Disagreement.ONE_PAD_SLIPS),
+        (answer(None), answer(3.0), None, 3.0),
+        (answer(None), answer(None), None, None),
+        (answer(1.0, time_ns=MAX_SKEW_NS + 1), answer(9.0), None, 1.0),
+        (answer(None, time_ns=10_000_000), moving(5.0, 0.1, 60.0), None, pytest.approx(5.6)),
+        (answer(20.0, 1.0, 100_000_000), answer(19.2, 1.0, 50_000_000), answer(18.0), pytest.approx(20.1)),
+        (answer(12.0, 20.0, 16_000_000), moving(15.0, 1.0, 0.0, 8_000_000), answer(2.0),
+         pytest.approx(15.0, abs=0.1)),
+    ],
+    ids=["one angle", "no angle", "too old", "by its rate", "10 frames per second", "noisy newest"],
+)  # fmt: skip
+def test_answers_are_extrapolated_to_the_newest_time_if_recent(
+    now: SlipSample, other: SlipSample, before: SlipSample | None, expected: object
+) -> None:
+    assert fuse(now, [other], before).angle_deg == expected
+
+
+def test_state_is_kept_without_an_angle() -> None:
+    assert fuse(answer(None), []).state is State.UNOBSERVABLE
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "sigma", "expected"),
+    [
+        (10.0, 10.5, 0.2, None),
+        (10.0, 13.0, 0.2, Disagreement.TILT),
+        (10.0, 1.0, 0.2, Disagreement.ONE_PAD_SLIPS),
+        (10.0, -10.0, 0.2, Disagreement.ONE_PAD_SLIPS),
+        (10.0, 1.0, 3.0, None),
     ],
 )
-def test_different_rotations_are_reported_as_disagreement(
-    first: float, second: float, expected: Disagreement | None
+def test_rotations_that_differ_by_more_than_their_sigma_are_a_disagreement(
+    first: float, second: float, sigma: float, expected: Disagreement | None
 ) -> None:
-    assert fuse(answer(first, 0.2), [answer(second, 0.2)]).disagreement is expected
-
-
-def test_uncertain_fingertips_are_not_reported_as_disagreeing() -> None:
-    assert fuse(answer(10.0, 3.0), [answer(1.0, 3.0)]).disagreement is None
-
-
-def test_noise_of_an_uncertain_fingertip_does_not_change_the_fused_angle() -> None:
-    unsure = answer(12.0, 20.0, time_ns=16_000_000)
-    fused = fuse(unsure, [replace(answer(15.0, 1.0, time_ns=8_000_000), rate_deg_s=0.0)], answer(2.0))
-    assert fused.angle_deg == pytest.approx(15.0, abs=0.1)
+    assert fuse(answer(first, sigma), [answer(second, sigma)]).disagreement is expected
 
 
 @given(angles, angles, st.integers(0, 200_000_000))
@@ -119,14 +114,10 @@ def test_fused_angle_turns_no_faster_than_an_object_in_a_gripper(a: float, b: fl
     assert fused.sigma_deg == pytest.approx(math.hypot(1.0, b - fused.angle_deg))
 
 
-def test_answers_without_sigma_may_jump() -> None:
-    fusion = FusedAngles()
-    fusion.update(answer(0.0), [])
-    assert fusion.update(answer(20.0), []).angle_deg == 20.0
-
-
-def test_angle_may_jump_to_another_zero() -> None:
-    fusion = FusedAngles()
-    fusion.update(answer(0.0, 1.0), [])
-    fusion.restart()
-    assert fusion.update(answer(20.0, 1.0), []).angle_deg == 20.0
+def test_angle_may_jump_without_sigma_or_to_another_zero() -> None:
+    for sigma in (None, 1.0):
+        fusion = FusedAngles()
+        fusion.update(answer(0.0, sigma), [])
+        if sigma is not None:
+            fusion.restart()
+        assert fusion.update(answer(20.0, sigma), []).angle_deg == 20.0

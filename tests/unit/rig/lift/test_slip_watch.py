@@ -22,9 +22,11 @@ def resting(angle_deg: float, rate_deg_s: float, frames: int = 50, seed: int = 0
     return [answer(i, float(a), float(r)) for i, (a, r) in enumerate(noise)]
 
 
-def watch(noise_deg: float = 0.02, noise_deg_s: float = 0.5, max_turn_deg: float | None = None) -> SlipWatch:
+def watch(
+    *tips: str, noise_deg: float = 0.02, noise_deg_s: float = 0.5, max_turn_deg: float | None = None
+) -> SlipWatch:
     made = SlipWatch(SlipSettings(max_turn_deg=max_turn_deg))
-    made.begin({TIP: resting(noise_deg, noise_deg_s)})
+    made.begin({tip: resting(noise_deg, noise_deg_s, seed=seed) for seed, tip in enumerate(tips or (TIP,))})
     return made
 
 
@@ -41,7 +43,7 @@ def test_impossible_false_alarm_rate_is_rejected(rate: float) -> None:
 
 def test_thresholds_grow_with_the_sensors_own_noise() -> None:
     (quiet_deg, quiet_deg_s), (loud_deg, loud_deg_s) = (
-        watch(0.02 * k, 0.5 * k).thresholds()[TIP] for k in (1, 4)
+        watch(noise_deg=0.02 * k, noise_deg_s=0.5 * k).thresholds()[TIP] for k in (1, 4)
     )
     assert loud_deg - GIVES_DEG == pytest.approx(4 * (quiet_deg - GIVES_DEG))
     assert loud_deg_s == pytest.approx(4 * quiet_deg_s)
@@ -55,17 +57,27 @@ def test_fingertip_without_rate_raises_no_alarm() -> None:
     assert made.thresholds() == {}
 
 
-def test_yielding_gel_that_comes_to_rest_is_no_slip() -> None:
+YIELDING = [(100 + i, 0.7 * (1.0 - 0.9**i), 4.0 * 0.9**i) for i in range(60)]
+
+
+@pytest.mark.parametrize(
+    ("still", "slip"),
+    [(YIELDING, (160, 0.75, 6.0)), ([(100, 0.45, -20.0), (101, 0.2, 20.0)], (102, 0.5, 20.0))],
+    ids=["yielding gel", "rotation back"],
+)
+def test_rotation_away_from_rest_is_a_slip_and_other_changes_are_not(
+    still: list[tuple[int, float, float]], slip: tuple[int, float, float]
+) -> None:
     made = watch()
-    show(made, *((100 + i, 0.7 * (1.0 - 0.9**i), 4.0 * 0.9**i) for i in range(60)))
+    show(made, *still)
     assert made.slip_ns() is None
-    show(made, (160, 0.75, 6.0))
-    assert made.slip_ns() == 160 * FRAME_NS
+    show(made, slip)
+    assert made.slip_ns() == slip[0] * FRAME_NS
+    assert [event.serial for event in made.events] == [TIP]
 
 
 def test_slowest_fingertip_decides_whether_the_slip_continues() -> None:
-    made = SlipWatch(SlipSettings())
-    made.begin({TIP: resting(0.02, 0.5), "other": resting(0.02, 0.5, seed=1)})
+    made = watch(TIP, "other")
     for frame, slowest_deg_s in ((100, 1.0), (101, 6.0)):
         made.update("other", answer(frame, 0.5, slowest_deg_s))
         show(made, (frame, 0.6, 30.0))
@@ -87,15 +99,6 @@ def test_false_alarms_from_noise_stay_below_the_requested_rate() -> None:
     assert 0.2 * asked < len(made.events) <= asked + 2.0 * asked**0.5
 
 
-def test_rotation_away_from_rest_is_a_slip_and_rotation_back_is_not() -> None:
-    made = watch()
-    show(made, (100, 0.45, -20.0), (101, 0.2, 20.0))
-    assert made.slip_ns() is None
-    show(made, (102, 0.5, 20.0))
-    assert made.slip_ns() == 102 * FRAME_NS
-    assert [event.serial for event in made.events] == [TIP]
-
-
 @pytest.mark.parametrize(
     ("share_of_b", "then"),
     [(-1.0, ((130, "b", 2.0, 60.0),)),
@@ -105,8 +108,7 @@ def test_rotation_away_from_rest_is_a_slip_and_rotation_back_is_not() -> None:
 def test_both_fingertips_have_to_show_a_slip(
     share_of_b: float, then: tuple[tuple[int, str, float, float], ...]
 ) -> None:
-    made = SlipWatch(SlipSettings())
-    made.begin({"a": resting(0.02, 0.5), "b": resting(0.02, 0.5)})
+    made = watch("a", "b")
     for frame, angle in enumerate(np.linspace(0.0, 2.0, 30), start=100):
         made.update("a", answer(frame, float(angle), 10.0))
         made.update("b", answer(frame, share_of_b * float(angle), 10.0 if share_of_b > 0.0 else -10.0))
@@ -165,8 +167,7 @@ def test_alarm_is_rearmed_at_the_angle_after_a_reaction() -> None:
 
 
 def test_rest_needs_a_tenth_of_a_second_below_the_noise_of_every_answering_fingertip() -> None:
-    made = SlipWatch(SlipSettings())
-    made.begin({"a": resting(0.02, 0.5), "b": resting(0.02, 0.5)})
+    made = watch("a", "b")
     assert not made.at_rest()
     for frame in range(100, 108):
         made.update("a", answer(frame, 0.5, 0.0))

@@ -18,7 +18,7 @@ from rig.frames.clips import ABOUT, FRAMES, TIMES
 from rig.frames.series import read_frames
 from rig.live.clip_writer import ClipWriter
 from rig.live.desk import Desk, DeskSettings
-from rig.live.feed import LiveFeed, Sender
+from rig.live.feed import Sender
 from rig.tactile.estimators import choose_estimator
 from support.desk_frames import GivenFrames, desk_frames
 
@@ -145,20 +145,17 @@ def test_times_that_an_interrupted_table_lacks_are_computed(tmp_path: Path, name
     assert note in "".join(notes)
 
 
-def test_row_without_a_frame_is_ignored(tmp_path: Path) -> None:
+def test_row_without_a_frame_is_ignored_and_a_last_row_without_an_end_counts(tmp_path: Path) -> None:
     clip = recorded(tmp_path / "c", 6)
     for number in (0, 3, 5):
         (clip / FRAMES / f"{number:06d}.jpg").unlink()
     times, notes = read(clip)
     assert times == pytest.approx([0.02, 0.04, 0.08])
     assert any("3 rows without a frame, ignored" in note for note in notes)
-
-
-def test_last_row_without_an_end_counts_in_a_table_of_a_person(tmp_path: Path) -> None:
-    clip = recorded(tmp_path / "c", 3)
-    (clip / ABOUT).unlink()
-    (clip / TIMES).write_text("frame,t_s\n0,0\n1,0.5\n2,0.7")
-    assert read(clip) == ([0.0, 0.5, 0.7], [])
+    by_hand = recorded(tmp_path / "by_hand", 3)
+    (by_hand / ABOUT).unlink()
+    (by_hand / TIMES).write_text("frame,t_s\n0,0\n1,0.5\n2,0.7")
+    assert read(by_hand) == ([0.0, 0.5, 0.7], [])
 
 
 @pytest.mark.parametrize(
@@ -181,7 +178,7 @@ def test_invalid_table_of_a_clip_is_rejected(tmp_path: Path, text: str, said: st
 def test_full_disk_ends_the_clip_and_the_live_view_goes_on(tmp_path: Path) -> None:
     frames = list(desk_frames(5.0))
     settings = DeskSettings(choose_estimator("ellipse"), clips=tmp_path)
-    with Desk([GivenFrames(frames)], settings, Sender(LiveFeed())) as desk:
+    with Desk([GivenFrames(frames)], settings, Sender()) as desk:
         while not desk.recording:
             desk.step()
             desk.act("record")

@@ -12,18 +12,24 @@ import pytest
 
 from drivers.clock import SystemClock
 from drivers.errors import DeviceError, InputError
-from drivers.types import Frame
+from drivers.types import Frame, Image
 from rig.frames.estimates import Estimation
 from rig.frames.series import read_frames
 from rig.live.desk import Desk, DeskSensor, DeskSettings, Reading
-from rig.live.feed import OBJECT, Inbox, Listener, LiveFeed, Sender
+from rig.live.feed import OBJECT, Inbox, Listener, Sender
 from rig.live.sensor_background import BACKGROUND_FRAMES, store_background, stored_background
 from rig.tactile.estimators import choose_estimator
 from support.desk_frames import GivenFrames, desk_digit, desk_frames
 
 CLOCK = SystemClock()
-SLIP = choose_estimator("slip")
-NO_VIEWER = LiveFeed()
+SLIP, ELLIPSE = choose_estimator("slip"), choose_estimator("ellipse")
+TAKEN = "background taken; press an object on the gel"
+DOUBT = "this background looks like a contact: lift the object, press Take background"
+
+
+def tip(serial: str | None = None, background: Image | None = None) -> DeskSensor:
+    """Return a sensor for tests of its background."""
+    return DeskSensor("D", ELLIPSE, 1, background, None, serial)
 
 
 def readings(sensor: DeskSensor, until_s: float, side: int = 1) -> list[Reading]:
@@ -44,6 +50,9 @@ def test_angle_follows_the_object_from_the_moment_the_contact_has_settled(side: 
     assert all(r.sample is not None and r.sample.slip for r in shown if 6.2e9 < r.time_ns < 7.0e9)
     assert not last.sample.slip, "it has come to rest"
     assert last.slips_s == pytest.approx([6.0], abs=0.15), "the event is kept"
+    assert shown[BACKGROUND_FRAMES].zero_s is None
+    assert last.zero_s is not None
+    assert 3.0 < last.zero_s < 5.0
     before = next(r for r in shown if r.time_ns > 5_000_000_000)
     assert before.sample is not None
     assert before.sample.angle_deg == pytest.approx(0.0, abs=0.3)
@@ -55,36 +64,6 @@ def test_angle_follows_the_object_from_the_moment_the_contact_has_settled(side: 
     assert set(values) >= {"t_s", "angle_deg", "sigma_deg", "state", "rate_deg_s", "latency_ms"}
 
 
-def test_recorded_clip_is_read_with_its_background_and_times(tmp_path: Path) -> None:
-    frames = list(desk_frames(7.0))
-    settings = DeskSettings(choose_estimator("ellipse"), clips=tmp_path)
-    with Desk([GivenFrames(frames)], settings, Sender(NO_VIEWER)) as desk:
-        desk.act("record")
-        assert desk.notice == "record: wait until the background is taken"
-        taken = 0
-        while taken < 40:
-            taken += len(desk.step())
-        desk.act("record")
-        assert desk.recording
-        assert desk.notice.startswith(f"recording to {tmp_path}")
-        while not desk.ended:
-            desk.step()
-        assert "all images have been played" in desk.notice
-        desk.act("record")
-    (clip,) = tmp_path.iterdir()
-    series = read_frames(clip)
-    recorded = list(series)
-    assert len(recorded) == len(frames) - taken
-    assert [f.image is not None and f.image.shape for f in recorded] == [(320, 240, 3)] * len(recorded)
-    assert np.array_equal(recorded[-1].image, frames[-1].image), "as the estimator saw it"  # type: ignore[arg-type]
-    times = [f.time.time_ns for f in recorded]
-    assert times[0] == 0
-    assert times == sorted(times)
-    done = Estimation(choose_estimator("ellipse")).of_series(series)
-    assert done.background == "background: the set's own"
-    assert done.figures.answered > 0.5 * len(recorded)
-
-
 @pytest.mark.parametrize("with_jpeg", [True, False])
 def test_clip_has_the_frames_unchanged_and_gives_the_angles_of_the_live_view(
     tmp_path: Path, with_jpeg: bool
@@ -92,20 +71,31 @@ def test_clip_has_the_frames_unchanged_and_gives_the_angles_of_the_live_view(
     frames = [frame if with_jpeg else replace(frame, jpeg=None) for frame in desk_frames(8.0)]
     live: list[Reading] = []
     settings = DeskSettings(SLIP, clips=tmp_path, simulated=True)
-    with Desk([GivenFrames(frames)], settings, Sender(NO_VIEWER)) as desk:
+    with Desk([GivenFrames(frames)], settings, Sender()) as desk:
+        desk.act("record")
+        assert desk.notice == "record: wait until the background is taken"
         while len(live) < BACKGROUND_FRAMES:
             live += desk.step()
         desk.act("record")
+        assert desk.recording
+        assert desk.notice.startswith(f"recording to {tmp_path}")
         while not desk.ended:
             live += desk.step()
+        assert "all images have been played" in desk.notice
     (clip,) = tmp_path.iterdir()
     assert {file.suffix for file in (clip / "frames").iterdir()} == {".jpg" if with_jpeg else ".png"}
     series = read_frames(clip)
     assert series.simulated
     assert "SIMULATED frames" in series.notes
-    recorded = [frame.image for frame in series.read()]
-    assert np.array_equal(recorded, [frame.image for frame in frames[BACKGROUND_FRAMES:]])  # type: ignore[arg-type]
-    again = [sample.angle_deg for sample in Estimation(SLIP).of_series(series).estimate.samples]
+    recorded = list(series.read())
+    assert np.array_equal([f.image for f in recorded], [frame.image for frame in frames[BACKGROUND_FRAMES:]])
+    times = [f.time.time_ns for f in recorded]
+    assert times == [
+        frame.time_ns - frames[BACKGROUND_FRAMES].time_ns for frame in frames[BACKGROUND_FRAMES:]
+    ]
+    done = Estimation(SLIP).of_series(series)
+    assert done.background == "background: the set's own"
+    again = [sample.angle_deg for sample in done.estimate.samples]
     seen = [None if r.sample is None else r.sample.angle_deg for r in live[BACKGROUND_FRAMES:]]
     assert [a is None for a in again] == [a is None for a in seen]
     turns = [s - a for s, a in zip(seen, again, strict=True) if s is not None and a is not None]
@@ -118,7 +108,7 @@ def test_two_sensors_give_one_angle() -> None:
     pairs = {f"D{side}": list(desk_frames(7.5, side)) for side in (1, -1)}
     sources = [GivenFrames(frames, name) for name, frames in pairs.items()]
     found: list[Reading] = []
-    with Desk(sources, DeskSettings(SLIP), Sender(NO_VIEWER)) as desk:
+    with Desk(sources, DeskSettings(SLIP), Sender()) as desk:
         while not desk.ended:
             found += [reading for reading in desk.step() if reading.name == OBJECT]
     last = found[-1].sample
@@ -131,7 +121,7 @@ def test_two_sensors_give_one_angle() -> None:
 
 def test_user_can_set_reference_background_and_estimator() -> None:
     frames = list(desk_frames(5.5))
-    with Desk([GivenFrames(frames)], DeskSettings(SLIP), Sender(NO_VIEWER)) as desk:
+    with Desk([GivenFrames(frames)], DeskSettings(SLIP), Sender()) as desk:
 
         def until(state: str) -> Reading:
             while True:
@@ -167,41 +157,29 @@ class Move:
 """
 
 
-def test_estimators_that_are_not_offered_are_not_imported_and_recording_goes_on(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    (tmp_path / "move_robot.py").write_text(BROKEN)
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.syspath_prepend(tmp_path)
-    frames = list(desk_frames(5.5))
-    settings = DeskSettings(choose_estimator("ellipse"), clips=tmp_path / "clips")
-    with Desk([GivenFrames(frames)], settings, Sender(NO_VIEWER)) as desk:
-        taken = 0
-        while taken < BACKGROUND_FRAMES:
-            taken += len(desk.step())
-        desk.act("record")
-        for name in ("move_robot:Move", "builtins:dict", "os:system", "", "ellipse ", " ellipse", "ELLIPSE"):
-            desk.act(f"estimator {name}")
-            assert desk.notice == f"'estimator {name}' is not known: reload the page"
-            assert desk.step()
-        assert not (tmp_path / "imported").exists()
-        assert desk.recording
-
-
-@pytest.mark.parametrize("collecting", [True, False])
-def test_offered_estimator_that_cannot_be_made_is_refused_and_the_view_goes_on(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, collecting: bool
-) -> None:
+@pytest.fixture
+def lab(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The current folder, with a module of an estimator that cannot be made."""
     (tmp_path / "broken_tip.py").write_text(BROKEN)
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(tmp_path)
-    frames = list(desk_frames(5.5))
-    names = ("ellipse", "broken_tip:Move", "builtins:dict")
-    settings = DeskSettings(choose_estimator("ellipse"), clips=tmp_path / "clips", estimators=names)
-    with Desk([GivenFrames(frames)], settings, Sender(NO_VIEWER)) as desk:
+    return tmp_path
+
+
+@pytest.mark.parametrize("collecting", [True, False])
+def test_estimator_that_is_not_offered_or_cannot_be_made_is_refused_and_the_view_goes_on(
+    lab: Path, collecting: bool
+) -> None:
+    offered = ("ellipse", "broken_tip:Move", "builtins:dict")
+    settings = DeskSettings(ELLIPSE, clips=lab / "clips", estimators=offered)
+    with Desk([GivenFrames(list(desk_frames(5.5)))], settings, Sender()) as desk:
         while not collecting and not desk.recording:
             desk.step()
             desk.act("record")
+        for name in ("broken_tip:Other", "os:system", "", "ellipse ", " ellipse", "ELLIPSE"):
+            desk.act(f"estimator {name}")
+            assert desk.notice == f"'estimator {name}' is not known: reload the page"
+        assert not (lab / "imported").exists()
         for name, cause in (("broken_tip:Move", "moved"), ("builtins:dict", "dict(background)")):
             desk.act(f"estimator {name}")
             assert name in desk.notice
@@ -214,10 +192,8 @@ def test_offered_estimator_that_cannot_be_made_is_refused_and_the_view_goes_on(
 
 def test_frame_with_picture_and_outline_reaches_viewers(tmp_path: Path) -> None:
     inbox = Inbox(str(tmp_path / "viewer"))
-    sender = Sender(LiveFeed((Listener(inbox.address, pictures=True),)))
-    with Desk(
-        [GivenFrames(list(desk_frames(4.0)))], DeskSettings(choose_estimator("ellipse")), sender
-    ) as desk:
+    sender = Sender([Listener(inbox.address, pictures=True)])
+    with Desk([GivenFrames(list(desk_frames(4.0)))], DeskSettings(ELLIPSE), sender) as desk:
         while not desk.ended:
             desk.step()
     inbox.close()
@@ -236,10 +212,16 @@ def test_source_that_cannot_be_opened_leaves_none_open() -> None:
     good = GivenFrames([])
     with (
         pytest.raises(DeviceError, match="connection was refused"),
-        Desk([good, Broken([], "BROKEN")], DeskSettings(SLIP), Sender(NO_VIEWER)),
+        Desk([good, Broken([], "BROKEN")], DeskSettings(SLIP), Sender()),
     ):
         pass
     assert not good.connected
+
+
+@pytest.fixture
+def state_home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    return tmp_path
 
 
 def notices(sensor: DeskSensor, frames: Iterable[Frame]) -> list[str]:
@@ -262,37 +244,32 @@ def released() -> list[Frame]:
 
 
 def test_background_taken_during_a_contact_is_named_until_it_is_taken_again() -> None:
-    sensor = DeskSensor("D", choose_estimator("ellipse"), 1, None, None)
+    sensor = tip()
     (news,) = notices(sensor, pressed())
-    doubt = "this background looks like a contact: lift the object, press Take background"
-    assert news == f"background taken; {doubt}"
+    assert news == f"background taken; {DOUBT}"
     reading = sensor.take(released()[0], CLOCK)
-    assert reading.values()["doubt"] == doubt
+    assert reading.values()["doubt"] == DOUBT
     sensor.take_background()
-    assert notices(sensor, released()) == ["background taken; press an object on the gel"]
+    assert notices(sensor, released()) == [TAKEN]
     assert sensor.take(pressed()[0], CLOCK).doubt == ""
 
 
 def test_given_background_with_a_weak_contact_is_named_when_the_object_is_lifted() -> None:
     empty, contact = released()[0].image, pressed()[0].image
     weak = (0.75 * empty + 0.25 * contact).astype(np.uint8)
-    sensor = DeskSensor("D", choose_estimator("ellipse"), 1, weak, None)
+    sensor = tip(background=weak)
     assert sensor.background.doubt == ""
     (news,) = notices(sensor, released())
-    assert news == "this background looks like a contact: lift the object, press Take background"
+    assert news == DOUBT
 
 
-def test_background_is_stored_for_its_serial_and_used_at_the_next_start(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
-    ellipse = choose_estimator("ellipse")
-    first = notices(DeskSensor("D", ellipse, 1, None, None, "D20001"), released())
+def test_background_is_stored_for_its_serial_and_used_at_the_next_start(state_home: Path) -> None:
+    first = notices(tip("D20001"), released())
     assert first == ["background taken and stored for serial D20001; press an object on the gel"]
-    stored = tmp_path / "visuotactile-slip-rig/backgrounds/D20001.png"
+    stored = state_home / "visuotactile-slip-rig/backgrounds/D20001.png"
     taken = datetime(2026, 11, 26, 10, 12).timestamp()
     os.utime(stored, (taken, taken))
-    again = DeskSensor("D", ellipse, 1, None, None, "D20001")
+    again = tip("D20001")
     (news,) = notices(again, released())
     assert re.fullmatch(
         r"background of serial D20001 from 2026-11-26 10:12 is used: gel unchanged "
@@ -300,7 +277,7 @@ def test_background_is_stored_for_its_serial_and_used_at_the_next_start(
         news,
     )
     assert again.take(pressed()[0], CLOCK).background == "of serial D20001, from 2026-11-26 10:12"
-    on_the_gel = DeskSensor("D", ellipse, 1, None, None, "D20001")
+    on_the_gel = tip("D20001")
     *frames, last = pressed()
     (news,) = notices(on_the_gel, frames)
     assert "from 2026-11-26 10:12 is used: something touches the gel (light" in news
@@ -308,65 +285,51 @@ def test_background_is_stored_for_its_serial_and_used_at_the_next_start(
     assert on_the_gel.background.doubt == ""
 
 
-def test_outdated_or_doubtful_stored_background_is_replaced(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
-    ellipse, empty = choose_estimator("ellipse"), released()[0].image
+@pytest.mark.usefixtures("state_home")
+def test_outdated_or_doubtful_stored_background_is_replaced() -> None:
+    empty = released()[0].image
     store_background("D20001", pressed()[0].image)
-    (news,) = notices(DeskSensor("D", ellipse, 1, None, None, "D20001"), released())
+    (news,) = notices(tip("D20001"), released())
     name = r"the gel has changed since the background of serial D20001 from .*"
     assert re.match(rf"{name} \(light .* %, gel \d+ %\): a new background was taken and stored", news)
     assert stored_background("D20001") is not None
     weak = (0.75 * empty + 0.25 * pressed()[0].image).astype(np.uint8)
     store_background("D20001", weak)
-    sensor = DeskSensor("D", ellipse, 1, None, None, "D20001")
+    sensor = tip("D20001")
     held = [replace(frame, image=weak) for frame in pressed()]
     assert len(notices(sensor, [*held, *released()])) == 2, "it is used, then doubted"
     assert stored_background("D20001") is None, "not offered again"
-    contact = DeskSensor("D", ellipse, 1, None, None, "D20001")
+    contact = tip("D20001")
     notices(contact, pressed())
     assert stored_background("D20001") is None, "a contact is not stored"
 
 
-@pytest.mark.parametrize(("one", "other"), [("left/1", "left_1"), ("D 1", "D_1"), ("D:1", "D_1")])
-def test_similar_serials_have_different_stored_backgrounds(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, one: str, other: str
+def test_backgrounds_of_similar_serials_differ_and_one_that_cannot_be_stored_is_used(
+    state_home: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
-    store_background(one, released()[0].image)
-    assert stored_background(other) is None
-    assert stored_background(one) is not None
-
-
-def test_background_that_cannot_be_stored_is_used_all_the_same(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    (tmp_path / "file").touch()
-    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "file"))
-    sensor = DeskSensor("D", choose_estimator("ellipse"), 1, None, None, "D20001")
+    for one, other in (("left/1", "left_1"), ("D 1", "D_1"), ("D:2", "D_2")):
+        store_background(one, released()[0].image)
+        assert stored_background(other) is None
+        assert stored_background(one) is not None
+    (state_home / "file").touch()
+    monkeypatch.setenv("XDG_STATE_HOME", str(state_home / "file"))
+    sensor = tip("D20001")
     (news,) = notices(sensor, released())
     assert "background taken (not stored: " in news
     assert [sensor.take(frame, CLOCK).state for frame in pressed()[:3]][-1] == "tracking"
 
 
-def test_source_with_the_name_of_the_fused_angle_is_refused() -> None:
+def test_source_named_as_the_fused_angle_and_background_of_another_size_are_refused() -> None:
     sources = [GivenFrames([], "D20001"), GivenFrames([], OBJECT)]
     with pytest.raises(InputError, match="source 'object'"):
-        Desk(sources, DeskSettings(SLIP), Sender(NO_VIEWER))
-
-
-def test_reading_names_the_time_of_its_reference() -> None:
-    shown = readings(DeskSensor("D", SLIP, 1, None, None), 5.0)
-    zeros = [reading.zero_s for reading in shown]
-    assert zeros[BACKGROUND_FRAMES] is None
-    assert zeros[-1] is not None
-    assert 3.0 < zeros[-1] < 5.0
+        Desk(sources, DeskSettings(SLIP), Sender())
+    with pytest.raises(InputError, match="use one size"):
+        readings(tip(background=np.zeros((240, 320, 3), np.uint8)), 2.1)
 
 
 def test_end_of_a_source_names_its_frames() -> None:
     frames = list(desk_frames(6.0))
-    with Desk([GivenFrames(frames)], DeskSettings(SLIP), Sender(NO_VIEWER)) as desk:
+    with Desk([GivenFrames(frames)], DeskSettings(SLIP), Sender()) as desk:
         answered = 0
         while not desk.ended:
             answered += sum(r.sample is not None and r.sample.angle_deg is not None for r in desk.step())
@@ -378,9 +341,3 @@ def test_end_of_a_source_names_its_frames() -> None:
     assert told
     assert "15 taking the background" in told[1]
     assert answered + sum(int(count) for count in re.findall(r"\d+", told[1])) == 120
-
-
-def test_background_of_another_size_is_rejected() -> None:
-    sensor = DeskSensor("D", SLIP, 1, np.zeros((240, 320, 3), np.uint8), None)
-    with pytest.raises(InputError, match="use one size"):
-        readings(sensor, 2.1)

@@ -84,42 +84,23 @@ def test_messages_have_the_bytes_that_rosbags_writes() -> None:
         assert repr(received) == repr(expected)
 
 
-@pytest.mark.parametrize(
-    ("name", "expected"),
-    [
-        ("D20641", "D20641"),
-        ("/dev/video2", "dev_video2"),
-        ("0", "sensor_0"),
+def test_names_of_sources_become_names_of_ros_and_must_differ_as_such() -> None:
+    for name, expected in (
+        ("D20641", "D20641"), ("/dev/video2", "dev_video2"), ("0", "sensor_0"), ("%", "sensor"),
         ("http://127.0.0.1:80/a b", "http_127_0_0_1_80_a_b"),
-        ("%", "sensor"),
-    ],
-)
-def test_names_of_sources_become_names_of_ros(name: str, expected: str) -> None:
-    assert ros_name(name) == expected
-
-
-@pytest.mark.parametrize(
-    ("sensors", "topic"),
-    [
-        (["left-1", "left_1"], "left_1"),
-        (["/dev/video2", "dev_video2"], "dev_video2"),
-        (["0", "sensor_0"], "sensor_0"),
-        (["links?", "links!"], "links"),
-        (["\u5de6", "\u53f3"], "sensor"),
-        (["D20641", "object"], "object"),
-        (["D20641", "-object-"], "object"),
-    ],
-)
-def test_sources_that_would_share_topics_are_refused(sensors: list[str], topic: str) -> None:
-    with pytest.raises(InputError, match=f"would share the ROS 2 topics of '{topic}'") as refused:
-        Ros2Bridge.topics(sensors)
-    assert all(f"'{sensor}'" in str(refused.value) for sensor in sensors[1:])
-
-
-@pytest.mark.parametrize("sensors", [["object"], ["left-1", "left_2"], ["a", "A"]])
-def test_sources_with_different_topics_are_accepted(sensors: list[str]) -> None:
-    topics = Ros2Bridge.topics(sensors)
-    assert len(set(topics)) == len(topics)
+    ):  # fmt: skip
+        assert ros_name(name) == expected
+    for one, other, topic in (
+        ("left-1", "left_1", "left_1"), ("/dev/video2", "dev_video2", "dev_video2"),
+        ("0", "sensor_0", "sensor_0"), ("links?", "links!", "links"), ("\u5de6", "\u53f3", "sensor"),
+        ("D20641", "object", "object"), ("D20641", "-object-", "object"),
+    ):  # fmt: skip
+        with pytest.raises(InputError, match=f"would share the ROS 2 topics of '{topic}'") as refused:
+            Ros2Bridge.topics([one, other])
+        assert f"'{other}'" in str(refused.value)
+    for sensors in (["object"], ["left-1", "left_2"], ["a", "A"]):
+        topics = Ros2Bridge.topics(sensors)
+        assert len(set(topics)) == len(topics)
 
 
 def test_another_process_receives_the_angle_in_radians(domain: int) -> None:

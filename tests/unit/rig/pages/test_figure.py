@@ -13,9 +13,9 @@ from matplotlib.collections import LineCollection
 
 from rig.benchmark.clips.study import draw_clip
 from rig.pages.figure import drawing, svg
-from rig.report.lift_chart import draw_lift
-from rig.sessions.lift_curves import LiftCurves
-from rig.tactile.angles import Angles
+from rig.report.charts import draw_lift
+from rig.sessions.records import lift_of_table
+from rig.tactile.angles import FUSED, MARKERS, Angles
 
 ANGLES = st.lists(st.floats(-180.0, 180.0) | st.just(float("nan")), min_size=40, max_size=40).map(np.array)
 SIGMAS = st.lists(st.floats(0.0, 90.0) | st.just(float("nan")), min_size=40, max_size=40).map(np.array)
@@ -43,11 +43,8 @@ def outside(axes: Axes) -> list[str]:
 @settings(deadline=None, max_examples=12)
 @given(ANGLES, SIGMAS, ANGLES, ANGLES)
 def test_lift_chart_stays_inside_its_axes(estimate: Any, sigma: Any, truth: Any, tip: Any) -> None:
-    known = np.full(40, np.nan)
-    lift = LiftCurves(
-        "lift", Angles(TIMES, estimate, sigma), Angles(TIMES, truth, known),
-        {"A": -0.8, "B": 0.0, "C": 1.5, "lower": 2.5}, tips={"T1": Angles(TIMES, tip, known)},
-    )  # fmt: skip
+    angles = {FUSED: Angles(TIMES, estimate, sigma), MARKERS: Angles(TIMES, truth), "T1": Angles(TIMES, tip)}
+    lift = lift_of_table(phases_s={"A": -0.8, "B": 0.0, "C": 1.5, "lower": 2.5}, angles=angles)
     with drawing(230, arranged=False) as figure:
         assert outside(draw_lift(figure, lift)) == []
 

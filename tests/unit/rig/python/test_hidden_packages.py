@@ -16,57 +16,42 @@ def run(folder: Path, *words: str) -> "subprocess.CompletedProcess[str]":
     )
 
 
-def require_named(done: "subprocess.CompletedProcess[str]", place: Path) -> None:
-    assert done.returncode == 1
-    last = done.stderr.splitlines()[-1]
-    assert last.startswith(f"rig.HiddenPackageError: Python finds {place} before the package '{place.stem}'")
-    assert f"Rename it, or move it into a package of your own, as my_lab/{place.name}" in last
-
-
 def hidden(folder: Path, name: str) -> Path:
-    (folder / name).mkdir(parents=True)
-    (folder / name / "__init__.py").touch()
+    """Create a package, or an empty file NAME.py."""
+    file = folder / name if name.endswith(".py") else folder / name / "__init__.py"
+    file.parent.mkdir(parents=True, exist_ok=True)
+    file.touch()
     return folder / name
 
 
-@pytest.mark.parametrize("name", PACKAGES)
-def test_folder_that_hides_a_package_is_named(tmp_path: Path, name: str) -> None:
-    place = hidden(tmp_path, name)
-    require_named(run(tmp_path, "-c", "import rig"), place)
+LATER = "import sys; sys.path.insert(0, 'lab'); "
 
 
-def test_file_that_hides_a_package_is_named(tmp_path: Path) -> None:
-    (tmp_path / "drivers.py").touch()
-    require_named(run(tmp_path, "-c", "import rig"), tmp_path / "drivers.py")
-
-
-def test_folder_beside_a_script_is_named(tmp_path: Path) -> None:
-    place = hidden(tmp_path / "lab", "drivers")
-    (tmp_path / "lab" / "measure.py").write_text("from rig.tactile.sample import SlipSample")
-    require_named(run(tmp_path, "lab/measure.py"), place)
-
-
-def test_folder_of_another_root_on_the_path_is_named(tmp_path: Path) -> None:
-    place = hidden(tmp_path / "lab", "calibration")
-    require_named(run(tmp_path, "-c", "import sys; sys.path.insert(0, 'lab'); import rig"), place)
-
-
-def test_folder_that_is_added_to_the_path_after_the_import_is_named(tmp_path: Path) -> None:
-    place = hidden(tmp_path / "lab", "drivers")
-    code = "import rig, sys; sys.path.insert(0, 'lab'); rig.estimate"
-    require_named(run(tmp_path, "-c", code), place)
-
-
-def test_package_of_the_user_that_is_loaded_already_is_named(tmp_path: Path) -> None:
-    place = hidden(tmp_path / "lab", "fakes")
-    code = "import sys; sys.path.insert(0, 'lab'); import fakes; del sys.path[0]; import rig"
-    require_named(run(tmp_path, "-c", code), place)
-
-
-def test_folder_is_named_when_a_module_of_the_user_is_run(tmp_path: Path) -> None:
-    place = hidden(tmp_path, "drivers")
-    (tmp_path / "measure.py").write_text("import rig")
-    require_named(run(tmp_path, "-m", "measure"), place)
+@pytest.mark.parametrize(
+    ("place", "files", "words"),
+    [
+        *((name, {}, ("-c", "import rig")) for name in PACKAGES),
+        ("drivers.py", {}, ("-c", "import rig")),
+        ("lab/drivers", {"lab/measure.py": "from rig.tactile.sample import SlipSample"}, ("lab/measure.py",)),
+        ("lab/calibration", {}, ("-c", f"{LATER}import rig")),
+        ("lab/drivers", {}, ("-c", f"import rig; {LATER}rig.estimate")),
+        ("lab/fakes", {}, ("-c", f"{LATER}import fakes; del sys.path[0]; import rig")),
+        ("drivers", {"measure.py": "import rig"}, ("-m", "measure")),
+    ],
+)
+def test_module_of_the_user_that_hides_a_package_is_named(
+    tmp_path: Path, place: str, files: dict[str, str], words: tuple[str, ...]
+) -> None:
+    hiding = hidden(tmp_path, place)
+    for name, text in files.items():
+        (tmp_path / name).write_text(text)
+    done = run(tmp_path, *words)
+    assert done.returncode == 1
+    last = done.stderr.splitlines()[-1]
+    assert last.startswith(
+        f"rig.HiddenPackageError: Python finds {hiding} before the package '{hiding.stem}'"
+    )
+    assert f"Rename it, or move it into a package of your own, as my_lab/{hiding.name}" in last
 
 
 def test_folder_is_named_in_tests_of_the_user(tmp_path: Path) -> None:

@@ -107,10 +107,7 @@ def test_given_image_may_be_reused_and_mirrored_views_are_taken() -> None:
         ([[1]], 1.0, "give uint8 RGB"),
         (gel(80, 60), 0.4, "before the last one's, 0.5"),
         (gel(80, 60), float("nan"), "time_s is nan: give a number"),
-        (gel(80, 60), float("inf"), "time_s is inf: give a number"),
-        (gel(80, 60), 1e12, "time_s is 1000000000000.0: give a number"),
         (gel(80, 60), "soon", "time_s is 'soon': give a number"),
-        (gel(80, 60), None, "time_s is None: give a number"),
     ],
 )
 def test_invalid_frame_or_time_is_rejected_and_changes_nothing(image: Any, time_s: Any, match: str) -> None:
@@ -127,11 +124,8 @@ def test_invalid_frame_or_time_is_rejected_and_changes_nothing(image: Any, time_
     ("arguments", "match"),
     [
         ({"background": None}, "give uint8 RGB"),
-        ({"sign": 2}, "sign is 2"),
         ({"name": "toskov"}, "needs the wrench at the arm's wrist"),
-        ({"name": "no such"}, "unknown estimator"),
         ({"name": 3}, "give a name or a class"),
-        ({"window": 0}, "window is 0: give a whole number"),
     ],
 )
 def test_invalid_argument_is_rejected(arguments: dict[str, Any], match: str) -> None:
@@ -148,21 +142,14 @@ def desk(from_s: float) -> list[Image]:
 
 
 def test_background_with_a_contact_is_named_as_a_warning() -> None:
-    empty, clear = desk(0.0), desk(4.0)[0]
+    empty, clear = desk(0.0), desk(4.0)
     with pytest.warns(UserWarning, match=CONTACT):
-        rig.estimator("ellipse", background=clear)
-    weak = (0.75 * empty[0] + 0.25 * clear).astype(np.uint8)
+        rig.estimator("ellipse", background=clear[0])
+    weak = (0.75 * empty[0] + 0.25 * clear[0]).astype(np.uint8)
     estimator = rig.estimator("ellipse", background=weak)
-    times_s = np.arange(len(empty)) / RATE_HZ
-    with pytest.warns(UserWarning, match=f"{CONTACT}: lift the object, take another background") as named:
-        [estimator.update(image, time_s) for image, time_s in zip(empty, times_s, strict=True)]
-    assert len(named) == 1
-    assert named[0].filename == __file__
-
-
-def test_background_with_a_contact_is_named_for_stored_frames() -> None:
-    empty = desk(0.0)
-    weak = (0.75 * empty[0] + 0.25 * desk(4.0)[0]).astype(np.uint8)
-    with pytest.warns(UserWarning, match=f"{CONTACT}: give a frame without contact") as named:
-        rig.estimate([*empty, *desk(4.0)], weak, estimator="ellipse")
-    assert named[0].filename == __file__
+    with pytest.warns(UserWarning, match=f"{CONTACT}: lift the object, take another background") as live:
+        [estimator.update(image, number / RATE_HZ) for number, image in enumerate(empty)]
+    with pytest.warns(UserWarning, match=f"{CONTACT}: give a frame without contact") as stored:
+        rig.estimate([*empty, *clear], weak, estimator="ellipse")
+    assert len(live) == 1
+    assert live[0].filename == stored[0].filename == __file__

@@ -6,7 +6,6 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 
 from protocols.reaction import ReactionKind
@@ -15,9 +14,8 @@ from rig.report.advice import trial_notices
 from rig.report.session import Trial, read_trial
 from rig.report.trial_page import onset_table
 from rig.sessions.manifest import TrialManifest, read_manifest_of
-from rig.sessions.records import Lift, LiftOutcome, ReactionRecord
-from rig.sessions.timing import LiftTiming, StageTimes
-from rig.tactile.angles import Angles
+from rig.sessions.records import Lift, LiftOutcome, LiftTiming, ReactionRecord, StageTimes
+from rig.tactile.angles import FUSED, MARKERS
 
 TURNS_DEG = (12.0, -20.0, 9.0, 15.0, -11.0)
 NOW = datetime(2026, 11, 21, 12, 0, tzinfo=UTC)
@@ -43,30 +41,23 @@ def manifest_with(trial: Trial, **changes: Any) -> Trial:
     return replace(trial, manifest=replace(trial.manifest, **changes))
 
 
-def sigma_divided(trial: Trial, by: float) -> Trial:
-    def thinner(lift: Lift) -> Lift:
-        assert lift.curves is not None
-        estimate = replace(lift.curves.estimate, sigma_deg=lift.curves.estimate.sigma_deg / by)
-        return replace(lift, curves=replace(lift.curves, estimate=estimate))
-
-    return replace(trial, lifts=[thinner(lift) for lift in trial.lifts])
-
-
-def sigma_divided_once(trial: Trial, by: float) -> Trial:
-    """One lift of five, so that of all frames less than a tenth is beyond 2 sigma."""
-    return replace(trial, lifts=[*sigma_divided(trial, by).lifts[:1], *sigma_divided(trial, 0.1).lifts[1:]])
+def estimates_with_sigma(trial: Trial, *divided_by: float) -> Trial:
+    """Divide the sigmas of each lift; the last divisor counts for the remaining lifts, too."""
+    divisors = [*divided_by, *[divided_by[-1]] * len(trial.lifts)]
+    lifts = []
+    for lift, by in zip(trial.lifts, divisors, strict=False):
+        estimate = replace(lift.estimate, sigma_deg=lift.estimate.sigma_deg / by)
+        lifts.append(replace(lift, angles={**lift.angles, FUSED: estimate}))
+    return replace(trial, lifts=lifts)
 
 
 def markers_hidden(trial: Trial) -> Trial:
-    def hidden(lift: Lift) -> Lift:
-        assert lift.curves is not None
-        truth = lift.curves.truth
-        seen = (truth.time_s < 0.5) | (truth.time_s > 1.2)
-        states = tuple(np.array(truth.states)[seen])
-        gappy = Angles(truth.time_s[seen], truth.angle_deg[seen], truth.sigma_deg[seen], states)
-        return replace(lift, curves=replace(lift.curves, truth=gappy))
-
-    return replace(trial, lifts=[hidden(lift) for lift in trial.lifts])
+    lifts = []
+    for lift in trial.lifts:
+        truth = lift.truth
+        seen = truth.picked((truth.time_s < 0.5) | (truth.time_s > 1.2))
+        lifts.append(replace(lift, angles={**lift.angles, MARKERS: seen}))
+    return replace(trial, lifts=lifts)
 
 
 def slow(trial: Trial) -> Trial:
@@ -109,9 +100,13 @@ def test_sound_trial_has_no_warning(sound: Trial) -> None:
         ),
         (lambda t: rows_with(t, answered=0.6, states={"lost": 120}), "'lost'", "stray light"),
         (lambda t: rows_with(t, dropped={"T1": 30, "T2": 0, "camera": 0}), "T1 150 of 900", "rig doctor"),
-        (lambda t: sigma_divided(t, 6.0), "Sigma is too small", "times as wide"),
-        (lambda t: sigma_divided(t, 6.0), "beyond 2 sigma in wrench, lift", "inspect the curves"),
-        (lambda t: sigma_divided_once(t, 20.0), "beyond 2 sigma in wrench, lift 1 (", "inspect the curves"),
+        (lambda t: estimates_with_sigma(t, 6.0), "Sigma is too small", "times as wide"),
+        (lambda t: estimates_with_sigma(t, 6.0), "beyond 2 sigma in wrench, lift", "inspect the curves"),
+        (
+            # of one lift in five, so that of all frames less than a tenth is beyond 2 sigma
+            lambda t: estimates_with_sigma(t, 20.0, 0.1),
+            "beyond 2 sigma in wrench, lift 1 (", "inspect the curves",
+        ),
         (markers_hidden, "markers were lost", "hide no marker"),
         (slow, "1 frame in 100 takes 40", "which stage"),
         (lambda t: rows_with(t, disagreements={"one pad slips": 200}), "disagree during much", "centre the"),

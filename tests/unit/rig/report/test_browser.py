@@ -10,13 +10,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from calibration.verdict import floor, limit
+from calibration.verdict import limits
 from drivers.types import Pose
 from rig.calibrate import figures
 from rig.calibrate.result import CalibrationResult, file_result
 from rig.pages.page import render
-from rig.report.compare import compare_lifts
-from rig.report.compare_page import compare_page
+from rig.report.compare import compare_lifts, compare_page
 from rig.report.parts import Table
 from rig.report.sessions_page import write_sessions
 from rig.report.sides import session_side
@@ -89,8 +88,9 @@ def calibration(folder: Path) -> Path:
         "to add to the stream": "1.2 ms",
         "a long name of a number with a long value": "2 " * 30,
     }
-    checked = limit(0.4, 1.0, 5.0, "the offset is known to {value:.2f} ms only: wiggle faster") + floor(
-        8, 10, 5, "{value} samples used; 15 are good"
+    checked = limits(
+        (0.4, 1.0, 5.0, "the offset is known to {value:.2f} ms only: wiggle faster"),
+        (8, 10, 5, "{value} samples used; 15 are good"),
     )
     result = CalibrationResult(
         "sync", {"stream": "SIM-C0001"}, {"add_to_stream_s": 0.001}, checked, source="folder",
@@ -127,12 +127,20 @@ def lift_shown(browser: Browser) -> str:
     return browser.value("document.querySelector('#explorer h3').textContent")
 
 
+def box_of(browser: Browser, element: str) -> dict[str, float]:
+    """Return the rectangle of an element on the screen, px. element: in JavaScript."""
+    return json.loads(browser.value(f"JSON.stringify({element}.getBoundingClientRect())"))
+
+
+def wait(browser: Browser, ms: int = 200) -> None:
+    browser.value(f"new Promise(done => setTimeout(done, {ms}))")
+
+
 def test_hover_links_plots_slider_and_film(browser: Browser, pages: dict[str, Path]) -> None:
     browser.open(f"{pages['trial'].as_uri()}#lift-2", 1400)
     assert lift_shown(browser) == "wrench, lift 2"
-    browser.value("new Promise(done => setTimeout(done, 200))")
-    box = browser.value("JSON.stringify(document.querySelector('#explorer .u-over').getBoundingClientRect())")
-    over = json.loads(box)
+    wait(browser)
+    over = box_of(browser, "document.querySelector('#explorer .u-over')")
     moved = {"x": over["left"] + 0.9 * over["width"], "y": over["top"] + 0.5 * over["height"]}
     browser.call("Input.dispatchMouseEvent", type="mouseMoved", **moved)
     values = browser.value(
@@ -146,7 +154,7 @@ def test_hover_links_plots_slider_and_film(browser: Browser, pages: dict[str, Pa
     at_end = browser.value("document.querySelector('.screen').style.backgroundPositionY")
     assert float(at_end.removesuffix("%")) > 60.0
     browser.value("document.querySelector('[data-step=\"1\"]').click()")
-    browser.value("new Promise(done => setTimeout(done, 200))")
+    wait(browser)
     assert lift_shown(browser) == "wrench, lift 1"
     assert browser.said() == []
 
@@ -174,10 +182,8 @@ def test_figures_over_all_lifts_show_values_zoom_and_open_lifts(
     browser.open(pages["trial"].as_uri(), 1400)
     plot = "[...document.querySelectorAll('.plotted')][1]"
     browser.value(f"{plot}.scrollIntoView({{block: 'center'}})")
-    browser.value("new Promise(done => setTimeout(done, 200))")
-    over = json.loads(
-        browser.value(f"JSON.stringify({plot}.querySelector('.u-over').getBoundingClientRect())")
-    )
+    wait(browser)
+    over = box_of(browser, f"{plot}.querySelector('.u-over')")
     near = f"{plot}.querySelector('.near')"
     ink = f"{plot}.querySelector('canvas').toDataURL()"
 
@@ -191,19 +197,19 @@ def test_figures_over_all_lifts_show_values_zoom_and_open_lifts(
         mouse("mouseMoved", (x + to_x) / 2, (y + to_y) / 2, button="left")
         mouse("mouseMoved", to_x, to_y, button="left")
         mouse("mouseReleased", to_x, to_y, button="left", clickCount=1)
-        browser.value("new Promise(done => setTimeout(done, 200))")
+        wait(browser)
 
     whole = browser.value(ink)
     dragged(0.3, 0.3, 0.8, 0.8)
     assert browser.value(ink) != whole
     browser.value(f"{plot}.querySelector('.u-over').dispatchEvent(new MouseEvent('dblclick'))")
-    browser.value("new Promise(done => setTimeout(done, 200))")
+    wait(browser)
     assert browser.value(ink) == whole
     assert browser.value(f"{near}.hidden")
     found = "", 0.0, 0.0
     for step in range(1, 20):  # along the diagonal, on which the lifts are
         mouse("mouseMoved", step / 20, 1 - step / 20)
-        browser.value("new Promise(done => setTimeout(done, 30))")
+        wait(browser, 30)
         if not browser.value(f"{near}.hidden"):
             found = browser.value(f"{near}.textContent"), step / 20, 1 - step / 20
             break
@@ -263,7 +269,7 @@ def test_poses_rotate_by_mouse_and_keys_and_name_the_pose_under_the_pointer(
     canvas = "document.querySelector('.poses canvas')"
     browser.value(f"{canvas}.scrollIntoView({{block: 'center'}})")
     drawn = f"new Promise(done => requestAnimationFrame(() => done({canvas}.toDataURL())))"
-    box = json.loads(browser.value(f"JSON.stringify({canvas}.getBoundingClientRect())"))
+    box = box_of(browser, canvas)
     middle = {"x": box["left"] + box["width"] / 2, "y": box["top"] + box["height"] / 2}
     views = [browser.value(drawn)]
     browser.call("Input.dispatchMouseEvent", type="mousePressed", button="left", clickCount=1, **middle)

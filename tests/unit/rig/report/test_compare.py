@@ -13,23 +13,18 @@ from hypothesis import strategies as st
 from drivers.errors import InputError
 from protocols.reaction import ReactionKind
 from rig.pages.palette import FIRST, SECOND, TRUTH
-from rig.report.compare import ERROR, compare_lifts, paired, verdict
-from rig.report.compare_page import compare_page, figure_table, lift_charts
+from rig.report.compare import ERROR, compare_lifts, compare_page, figure_table, lift_charts, paired, verdict
 from rig.report.sides import session_side
-from rig.sessions.records import ErrorSummary, Lift, LiftOutcome
+from rig.sessions.records import ErrorSummary, Lift, LiftOutcome, lift_of_table
 
 NAMES = ("old", "new")
 
 
 def row(lift: int, error: float | None, name: str = "wrench", answered: float = 1.0) -> Lift:
     part = None if error is None else ErrorSummary(error, 0.1, 2 * error, 100)
-    return Lift(
-            number=lift, attempt=0, object=f"id {name}", name=name, lift=lift, position="left",
-            grip_counts=3, lift_height_m=0.05, seed=0, simulated=True, recording="",
-            outcome=LiftOutcome.SLIPPED, re=part, re_b=part, re_held=part, contact_area_px={},
-            answered=answered, final_estimate_deg=None, final_truth_deg=10.0, onset_truth_s=None,
-            onset_estimate_s=None, onset_alarm_s=None, phases_s={}, frames={}, dropped={}, states={},
-            skipped={}, disagreements={}, accepted=True, bench_s=1.0,
+    return lift_of_table(
+        number=lift, object=f"id {name}", name=name, lift=lift, simulated=True, outcome=LiftOutcome.SLIPPED,
+        re=part, re_b=part, re_held=part, answered=answered, final_truth_deg=10.0,
     )  # fmt: skip
 
 
@@ -145,7 +140,7 @@ def test_lift_with_the_largest_difference_is_shown_first(drawn_trial: Any, tmp_p
 def test_lift_without_a_readable_recording_has_no_curves(drawn_trial: Any, tmp_path: Path) -> None:
     folder = drawn_trial(tmp_path / "trial", (12.0, -20.0))
     next((folder / "lifts").glob("*.mcap")).write_bytes(b"damaged")
-    assert [lift.curves is None for lift in session_side(folder).lifts].count(True) == 1
+    assert [lift.angles is None for lift in session_side(folder).lifts].count(True) == 1
 
 
 def test_lifts_with_different_reactions_are_not_compared_by_their_error() -> None:

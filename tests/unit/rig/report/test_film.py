@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from drivers.errors import InputError, SessionError
-from rig.report.film import CURVE_PX, HEIGHT_PX, LEGEND_PX, Film, has_h264, write_film
+from rig.report.film import CURVE_PX, HEIGHT_PX, LEGEND_PX, Film, Filmed, has_h264, write_film
 from rig.report.session import find_lift
 from rig.sessions.manifest import TrialManifest, read_manifest_of
 from support.browser import NEEDS_CHROMIUM, Browser
@@ -22,9 +22,13 @@ def trial(drawn_trial: Any, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return drawn_trial(tmp_path_factory.mktemp("film") / "session", (12.0,))
 
 
-def film(session: Path, out: Path, speed: float = 1.0) -> Film:
+def first_lift(session: Path) -> Filmed:
     manifest = read_manifest_of(session, TrialManifest, "no trial")
-    return write_film([(session, manifest, find_lift(session, manifest, "1"))], out, fps=10.0, speed=speed)
+    return session, manifest, find_lift(session, manifest, "1")
+
+
+def film(session: Path, out: Path) -> Film:
+    return write_film([first_lift(session)], out, fps=10.0)
 
 
 @pytest.mark.parametrize("ending", [".webm", ".mp4", *long(".avi")])
@@ -51,9 +55,8 @@ def test_film_has_the_length_of_the_lift_and_its_curve_grows(
 
 
 def test_animated_image_has_the_requested_length_and_width(trial: Path, tmp_path: Path) -> None:
-    manifest = read_manifest_of(trial, TrialManifest, "no trial")
-    chosen, out = find_lift(trial, manifest, "1"), tmp_path / "lift.webp"
-    made = write_film([(trial, manifest, chosen)], out, fps=5.0, width_px=640)
+    out = tmp_path / "lift.webp"
+    made = write_film([first_lift(trial)], out, fps=5.0, width_px=640)
     read, animation = cv2.imreadanimation(str(out))
     assert read
     assert len(animation.frames) == made.frames == pytest.approx(18, abs=2)
@@ -61,7 +64,7 @@ def test_animated_image_has_the_requested_length_and_width(trial: Path, tmp_path
     assert made.size_px[0] == 640
     assert np.abs(animation.frames[5].astype(int) - animation.frames[-1]).mean() > 1.0
     with pytest.raises(InputError, match=r"ends in \.webm"):
-        write_film([(trial, manifest, chosen)], out, fps=500.0)
+        write_film([first_lift(trial)], out, fps=500.0)
     assert [path.name for path in tmp_path.iterdir()] == ["lift.webp"]
 
 
@@ -101,14 +104,12 @@ def test_impossible_films_are_rejected(trial: Path, drawn_trial: Any, tmp_path: 
             film(session, tmp_path / name)
 
 
-def test_missing_camera_leaves_an_empty_panel(drawn_trial: Any, tmp_path: Path) -> None:
+def test_missing_camera_leaves_an_empty_panel_and_two_lifts_are_stacked(
+    trial: Path, drawn_trial: Any, tmp_path: Path
+) -> None:
     folder = drawn_trial(tmp_path / "s", (12.0,), serials=("T1", "T2", "ANOTHER"))
     assert film(folder, tmp_path / "lift.avi").frames > 10
-
-
-def test_a_lift_beside_another_is_shown_below_it(trial: Path, tmp_path: Path) -> None:
-    manifest = read_manifest_of(trial, TrialManifest, "")
-    filmed = (trial, manifest, find_lift(trial, manifest, "1"))
+    filmed = first_lift(trial)
     one = write_film([filmed], tmp_path / "one.webm", fps=5.0)
     both = write_film([filmed, filmed], tmp_path / "both.webm", fps=5.0)
     assert both.frames == one.frames

@@ -14,17 +14,16 @@ import pytest
 from drivers.errors import InputError
 from rig.pages.page import asset
 from rig.report import explored
-from rig.report.curves import signed_errors
-from rig.report.lift_chart import angle_range, before_lift, shown_range
+from rig.report.charts import angle_range, before_lift, shown_range
 from rig.report.parts import linked
 from rig.report.recording_page import LABEL_PX, THUMB_PX, montage, read_recording
-from rig.report.session import read_trial
+from rig.report.session import Trial, read_trial
 from rig.report.trial_page import fingertip_table, object_table, trial_page
 from rig.report.write import write_report
 from rig.results.summary import summarize_trial
 from rig.sessions.manifest import RecordManifest, TrialManifest, read_manifest_of
 from rig.sessions.rows import read_finished_lifts
-from rig.tactile.angles import Angles
+from rig.tactile.angles import FUSED, Angles
 
 UPLOT_SHA256 = "19c8d4c6ad88929a79f4ae49d6f7161566dfd0ba3d15cc495e974f787eb78f1f"
 """Of dist/uPlot.iife.min.js in uplot-1.6.32.tgz of the npm registry."""
@@ -57,8 +56,12 @@ class Page(HTMLParser):
         self.text += data
 
 
-def page_of(*sources: Path, out: Path | None = None) -> Page:
-    return Page(write_report(sources, out).path)
+def page_of(session: Path) -> Page:
+    return Page(write_report([session]).path)
+
+
+def read(session: Path) -> Trial:
+    return read_trial(session, read_manifest_of(session, TrialManifest, "no trial"))
 
 
 @pytest.fixture(scope="module")
@@ -88,13 +91,12 @@ def test_a_trial_s_page_has_its_figures_and_figures_have_names_of_their_own(page
 
 
 def test_lifts_are_shown_from_the_beginning_of_phase_a(trial: Path) -> None:
-    manifest = read_manifest_of(trial, TrialManifest, "no trial")
-    curves = read_trial(trial, manifest).lifts[0].curves
-    assert curves is not None
+    lift = read(trial).lifts[0]
     times = np.arange(-3.0, 0.0, 0.1)
     tip = Angles(times, np.full(times.size, 0.5), np.full(times.size, 0.1), ("tracking",) * times.size)
-    early = replace(curves, phases_s={**curves.phases_s, "A": -2.95}, tips={"T1": tip})
-    assert shown_range(early)[0] == -2.95
+    begins_s = {**lift.phases_s, "A": lift.phases_s["B"] - 2.95}
+    early = replace(lift, phases_s=begins_s, angles={**lift.angles, "T1": tip})
+    assert shown_range(early)[0] == pytest.approx(-2.95)
     ((shown_s, angles_deg),) = before_lift(early)
     assert shown_s.min() > -2.95
     assert set(angles_deg) == {0.5}
@@ -104,7 +106,11 @@ def test_lifts_are_shown_from_the_beginning_of_phase_a(trial: Path) -> None:
 def test_a_page_needs_nothing_from_elsewhere(page: Page) -> None:
     assert all(link.startswith(("data:", "#")) for link in page.links)
     programs = re.findall(r"<script>.*?</script>", page.html, re.DOTALL)
-    assert len(programs) == 2  # see test_vendored_program_is_the_released_file_with_its_license
+    assert len(programs) == 2
+    program = asset("uplot/uPlot.iife.min.js")
+    assert program.startswith("/*! https://github.com/leeoniya/uPlot (v1.6.32) */")
+    assert hashlib.sha256(program.encode()).hexdigest() == UPLOT_SHA256
+    assert "MIT License" in asset("uplot/LICENSE")
     html = re.sub("|".join(map(re.escape, programs)), "", page.html)
     elsewhere = r"@import|url\((?!#)|<script(?! type=\"application/json\")|<link(?! rel=\"icon\")"
     assert not re.search(rf"{elsewhere}|<script[^>]* src", html)
@@ -130,7 +136,7 @@ def films_of(html: str) -> list[dict[str, Any]]:
 def test_films_have_fewer_pictures_if_the_page_has_no_room_and_the_page_says_so(
     trial: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    session = read_trial(trial, read_manifest_of(trial, TrialManifest, ""))
+    session = read(trial)
     whole = trial_page(session).html
     monkeypatch.setattr(explored, "MOST_BYTES", 0)
     monkeypatch.setattr(explored, "LEAST_FILM_BYTES", 0)
@@ -139,13 +145,6 @@ def test_films_have_fewer_pictures_if_the_page_has_no_room_and_the_page_says_so(
     assert [(len(film["times"]), film["about"]) for film in films_of(whole)] == [(24, "")] * 2
     about = "6 of 24 pictures, to keep this page small"
     assert [(len(film["times"]), film["about"]) for film in films_of(small)] == [(6, about)] * 2
-
-
-def test_vendored_program_is_the_released_file_with_its_license(page: Page) -> None:
-    program = asset("uplot/uPlot.iife.min.js")
-    assert program.startswith("/*! https://github.com/leeoniya/uPlot (v1.6.32) */")
-    assert hashlib.sha256(program.encode()).hexdigest() == UPLOT_SHA256
-    assert "MIT License" in asset("uplot/LICENSE")
 
 
 def test_page_begins_with_simulated_and_has_the_errors_of_the_session(page: Page, trial: Path) -> None:
@@ -166,22 +165,17 @@ def test_each_column_of_the_paper_s_table_stands_under_its_heading(trial: Path) 
     assert len(table.rows[-1]) == len(table.columns)
 
 
-def test_errors_from_the_curves_are_those_of_the_rows(trial: Path) -> None:
-    for lift in read_trial(trial, read_manifest_of(trial, TrialManifest, "no trial")).lifts:
-        assert lift.curves is not None
-        errors = np.abs(signed_errors(lift.curves))[lift.curves.within("B", "C")]
-        assert np.nanmean(errors) == pytest.approx(lift.re.mean_deg, abs=0.01)
-
-
 def test_fingertip_table_agrees_with_the_recorded_curves(trial: Path) -> None:
-    lifts = read_trial(trial, read_manifest_of(trial, TrialManifest, "no trial")).lifts
+    lifts = read(trial).lifts
+    for lift in lifts:
+        assert lift.errors("B", "C").mean() == pytest.approx(lift.re.mean_deg, abs=0.01)
     table = fingertip_table(lifts)
-    assert [row[0] for row in table.rows] == ["both, fused", *lifts[0].curves.tips]
+    assert [row[0] for row in table.rows] == ["both, fused", *lifts[0].tips]
     fused = np.mean([lift.re.mean_deg for lift in lifts])
     assert table.rows[0][2].startswith(f"{fused:.2f} ±")
-    for serial, row in zip(lifts[0].curves.tips, table.rows[1:], strict=True):
-        own = [replace(lift.curves, estimate=lift.curves.tips[serial]) for lift in lifts]
-        means = [np.nanmean(np.abs(signed_errors(curves)[curves.within("B")])) for curves in own]
+    for serial, row in zip(lifts[0].tips, table.rows[1:], strict=True):
+        own = [replace(lift, angles={**lift.angles, FUSED: lift.tips[serial]}) for lift in lifts]
+        means = [lift.errors("B").mean() for lift in own]
         assert row[1].startswith(f"{np.mean(means):.2f} ±")
 
 
@@ -263,16 +257,15 @@ def test_unreadable_session_gets_a_page_with_the_reason(
     assert "lifts/001.mcap" in found.text
 
 
-def test_report_of_a_session_without_finished_lifts_names_that(drawn_trial: Any, tmp_path: Path) -> None:
-    folder = drawn_trial(tmp_path / "s", (12.0,), status="running")
+def test_unfinished_session_and_lift_without_angles_are_shown_as_such(
+    drawn_trial: Any, tmp_path: Path
+) -> None:
+    folder = drawn_trial(tmp_path / "unfinished", (12.0,), status="running")
     (folder / "lifts.jsonl").unlink()
     found = page_of(folder)
     assert "Unfinished: 0 of 1 lift accepted" in found.text
     assert "--resume" in found.text
-
-
-def test_a_lift_without_angles_is_shown_as_such(drawn_trial: Any, tmp_path: Path) -> None:
-    folder = drawn_trial(tmp_path / "s")
+    folder = drawn_trial(tmp_path / "silent")
     nothing = {"re": None, "re_b": None, "re_held": None, "answered": 0.0, "final_estimate_deg": None}
     edited(folder, 1, **nothing, states={"unobservable": 300})
     found = page_of(folder)

@@ -31,18 +31,16 @@ def written(drawn_trial: Any, tmp_path_factory: pytest.TempPathFactory) -> tuple
     return session, folder / "made" / "figures"
 
 
-def test_every_figure_of_the_page_is_written_in_three_formats(written: tuple[Path, Path]) -> None:
+def test_figures_of_the_page_are_written_in_three_formats_as_wide_as_a_column(
+    written: tuple[Path, Path],
+) -> None:
     names = {path.name for path in written[1].iterdir()}
     for stem in ("Rotational_error_per_object", "Error_against_angle", "wrench_lift_1", "wrench_lift_2"):
         assert {f"simulated_{stem}.{ending}" for ending in ("pdf", "svg", "png")} <= names
-
-
-def test_figures_are_as_wide_as_a_column(written: tuple[Path, Path]) -> None:
     for path in written[1].glob("*.pdf"):
-        (width,) = re.findall(rb"/MediaBox \[ 0 0 ([\d.]+)", path.read_bytes())
-        assert float(width) == pytest.approx(COLUMN_PT, abs=0.1)
-        (width,) = re.findall(r'<svg[^>]* width="([\d.]+)pt"', path.with_suffix(".svg").read_text())
-        assert float(width) == pytest.approx(COLUMN_PT, abs=0.1)
+        (in_pdf,) = re.findall(rb"/MediaBox \[ 0 0 ([\d.]+)", path.read_bytes())
+        (in_svg,) = re.findall(r'<svg[^>]* width="([\d.]+)pt"', path.with_suffix(".svg").read_text())
+        assert [float(in_pdf), float(in_svg)] == pytest.approx([COLUMN_PT] * 2, abs=0.1)
         picture = cv2.imread(str(path.with_suffix(".png")))
         assert picture is not None
         assert picture.shape[1] == pytest.approx(600 * 88.9 / 25.4, abs=1)

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from drivers.errors import InputError
-from rig.report.lift_chart import angle_range, lift_chart, shown_range
+from rig.report.charts import Ranges, angle_range, lift_chart, shown_range
 from rig.report.parts import Chart
 from rig.report.write import write_report
-from rig.sessions.lift_curves import LiftCurves
+from rig.sessions.records import Lift
 
 pytestmark = pytest.mark.slow
 
@@ -86,19 +86,20 @@ def test_sessions_with_equal_reaction_or_other_lifts_are_rejected(
 def test_charts_with_and_without_a_reaction_have_one_scale(
     without: Path, drawn_trial: Any, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    drawn: list[LiftCurves] = []
+    drawn: list[tuple[Lift, Ranges]] = []
 
-    def noted(curves: LiftCurves, caption: str) -> Chart:
-        if curves.axes is not None:
-            drawn.append(curves)
-        return lift_chart(curves, caption)
+    def noted(lift: Lift, caption: str, ranges: Ranges | None = None) -> Chart:
+        if ranges is not None:
+            drawn.append((lift, ranges))
+        return lift_chart(lift, caption, ranges)
 
     small = drawn_trial(tmp_path / "small", (1.0, -20.0))
     edit(small, {"react": "tighten"}, {"react": "tighten", "reactions": []})
     rows(small, 1, outcome="caught", reactions=[REACTION], final_truth_deg=0.9)
     monkeypatch.setattr("rig.report.trial_page.lift_chart", noted)
     write_report([small], tmp_path / "page.html", beside=without)
-    first, second = drawn
+    (first, ranges), (second, same) = drawn
     assert np.ptp(first.truth.angle_deg) > 5.0 * np.ptp(second.truth.angle_deg)
-    assert angle_range(first) == angle_range(second)
-    assert shown_range(first) == shown_range(second)
+    assert ranges == same
+    assert ranges[1][0] <= angle_range(first)[0] < angle_range(first)[1] <= ranges[1][1]
+    assert ranges[0] == shown_range(first)

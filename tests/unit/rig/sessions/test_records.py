@@ -14,9 +14,17 @@ from drivers.errors import SessionError
 from rig.config import load_bench
 from rig.sessions.codec import json_line, json_value
 from rig.sessions.manifest import RecordManifest, TrialManifest, begun_on, read_manifest, read_manifest_of
-from rig.sessions.records import LIFTS, POSES, Lift, PoseRow
+from rig.sessions.records import (
+    LIFT_TIMINGS,
+    LIFTS,
+    POSES,
+    LatencyTimes,
+    Lift,
+    LiftTiming,
+    PoseRow,
+    StageTimes,
+)
 from rig.sessions.rows import read_lifts, readable_rows
-from rig.sessions.timing import LIFT_TIMINGS, LatencyTimes, LiftTiming, StageTimes
 
 MakeRow = Callable[..., Lift]
 POSE = PoseRow(
@@ -73,7 +81,7 @@ def test_optional_keys_are_absent_at_their_default(lift_row: MakeRow) -> None:
             "'final_estimate_deg' is a key that",
         ),
         (lambda row: row.update(accepted=1), "'accepted' Input should be a valid boolean, found 1"),
-        (lambda row: row.update(curves={}), "'curves' Input should be null"),
+        (lambda row: row.update(angles={}), "'angles' Input should be null"),
     ],
 )
 def test_invalid_row_is_reported_with_file_line_and_key(

@@ -12,10 +12,9 @@ from drivers.errors import InputError, OperatorStopError, RecordingError
 from rig.config import load_bench
 from rig.sessions.files import MANIFEST, append_line, write_file
 from rig.sessions.manifest import is_session, read_manifest
-from rig.sessions.records import LIFTS, Lift
+from rig.sessions.records import LIFTS, Lift, LiftTiming
 from rig.sessions.rows import read_lifts
 from rig.sessions.session import Session, SessionLog, newest_unfinished, open_session
-from rig.sessions.timing import LiftTiming
 from support.recordings import trial_request
 
 MakeRow = Callable[..., Lift]
@@ -47,19 +46,15 @@ def test_folder_in_use_or_with_another_request_is_refused(tmp_path: Path) -> Non
         start(tmp_path / "s")
     with pytest.raises(InputError, match="started with seed 0, not 1"):
         start(tmp_path / "s", resume=True, seed=1)
-    (tmp_path / "other").mkdir()
-    (tmp_path / "other" / "thesis.tex").write_text("years of work")
-    with pytest.raises(InputError, match="not empty"):
-        start(tmp_path / "other")
-
-
-def test_refused_resume_names_the_value_that_differs(tmp_path: Path) -> None:
-    start(tmp_path / "s").close()
     bench = load_bench("fake")
     camera = bench.camera.model_copy(update={"focal_px": 700.0})
     other = trial_request(bench.model_copy(update={"camera": camera}))
     with pytest.raises(InputError, match=rf"config\.camera\.focal_px {bench.camera.focal_px}, not 700\.0"):
         open_session(tmp_path / "s", other, LIFTS, resume=True)
+    (tmp_path / "other").mkdir()
+    (tmp_path / "other" / "thesis.tex").write_text("years of work")
+    with pytest.raises(InputError, match="not empty"):
+        start(tmp_path / "other")
 
 
 def test_start_without_any_result_leaves_no_session(tmp_path: Path, lift_row: MakeRow) -> None:
@@ -119,14 +114,6 @@ def test_finishing_puts_results_in_order_and_marks_the_target(tmp_path: Path, li
     assert read_manifest(tmp_path / "s").status == "complete"
 
 
-@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="needs a device that is always full")
-def test_full_disk_is_a_typed_error(tmp_path: Path) -> None:
-    full = tmp_path / "full.jsonl"
-    full.symlink_to("/dev/full")
-    with pytest.raises(RecordingError, match="free space"):
-        append_line(full, b"a line\n")
-
-
 def test_failed_write_keeps_the_old_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "kept.json"
     write_file(path, b"old")
@@ -155,8 +142,14 @@ def test_password_of_a_camera_is_not_stored_and_the_session_continues(tmp_path: 
     assert bench.camera.address == secret
 
 
-@pytest.mark.skipif(not Path("/dev/full").exists(), reason="this system has no full disk to write to")
-def test_unwritable_log_is_reported_once(capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a device that is always full")
+def test_full_disk_is_a_typed_error_and_reported_once_by_the_log(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    full = tmp_path / "full.jsonl"
+    full.symlink_to("/dev/full")
+    with pytest.raises(RecordingError, match="free space"):
+        append_line(full, b"a line\n")
     log = SessionLog("/dev/full")
     for _ in range(3):
         log.emit(logging.LogRecord("rig", logging.INFO, "", 0, "something", None, None))

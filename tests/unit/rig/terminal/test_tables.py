@@ -2,14 +2,15 @@
 
 import io
 import re
+from dataclasses import replace
 
 import pytest
 from rich.table import Table
 
 from rig.cli.results import object_table
 from rig.results.metrics import Mare
-from rig.results.summary import ObjectSummary, TrialSummary
-from rig.terminal.tables import UNBOUNDED, TableConsole
+from rig.results.summary import TrialSummary
+from rig.terminal.tables import UNBOUNDED, PlainConsole
 
 NAME = "2026-11-22T143431_a_long_name_of_a_session_trial"
 ROW = (NAME, "12", "9 slipped, 2 fallen, 1 still", "0.20 ± 0.15 [0.11, 0.33]", "100.0%")
@@ -18,7 +19,7 @@ HEADINGS = ("session", "lifts", "outcomes", "phases B and C", "answered")
 
 def printed(table: Table, width: int) -> str:
     stream = io.StringIO()
-    console = TableConsole(file=stream, width=width)
+    console = PlainConsole(file=stream, width=width)
     console.print(table)
     return stream.getvalue()
 
@@ -51,14 +52,11 @@ def test_row_is_one_line_without_a_terminal() -> None:
 
 def test_paper_table_fits_80_columns() -> None:
     mare = Mare(0.2, 0.15, 0.11, 0.33, 5)
-    row = ObjectSummary(
-        object_id="t4", name="plastic spatula", lifts=5, outcomes={"slipped": 4, "fallen": 1},
-        turn_deg=(-28.0, 27.0), mare=mare, mare_b=mare, answered=1.0,
+    row = TrialSummary(
+        name="t4 plastic spatula", objects=(), lifts_accepted=5, outcomes={"slipped": 4, "fallen": 1},
+        turns_deg=(-28.0, 27.0), mare=mare, mare_b=mare, mare_held=mare, answered=1.0, bench_s=1.0,
     )  # fmt: skip
-    summary = TrialSummary(
-        lifts_accepted=5, mare=mare, mare_b=mare, mare_held=mare, answered=1.0, bench_s=1.0,
-        objects=(row,), turns_deg=(1.0,),
-    )  # fmt: skip
+    summary = replace(row, name="all", objects=(row,))
     text = printed(object_table(summary, "SIMULATED "), 80)
     assert "┃" in text
     assert max(map(len, text.splitlines())) <= 80

@@ -22,18 +22,18 @@ def test_trial_objects_are_not_in_the_training_set() -> None:
 
 def test_wrist_network_gives_the_same_angles_from_its_file(tmp_path: Path) -> None:
     from rig.tactile.peers.learned import load_wrench_network
-    from rig.training.wrist import blind_error_deg, error_deg, export_wrist, sequences, train_wrist
+    from rig.training.angles import blind_error_deg, export_wrist, sequences, train_wrist, wrist_error_deg
 
-    lifts = sequences([lift.wrist() for lift in simulated_lifts(["7", "2"], 2, 5, lambda *_: None)])
+    lifts = sequences([lift.steps() for lift in simulated_lifts(["7", "2"], 2, 5, lambda *_: None)])
     network, errors = train_wrist(lifts, lifts, 30, 0, lambda *_: None)
-    assert min(errors) == pytest.approx(error_deg(network, lifts))
+    assert min(errors) == pytest.approx(wrist_error_deg(network, lifts))
     assert min(errors) < 0.9 * blind_error_deg(lifts)
     export_wrist(network, tmp_path / "wrist.onnx")
     assert load_wrench_network(tmp_path / "wrist.onnx").blank().shape == (1, 1, 32)
 
 
 def test_angle_network_gives_the_same_angles_from_its_files(tmp_path: Path) -> None:
-    from rig.training.angle_net import AngleNet, export_angle_net
+    from rig.training.angles import AngleNet, export_angle_net
 
     torch.manual_seed(0)
     export_angle_net(AngleNet().eval(), tmp_path / "full.onnx", tmp_path / "half.onnx")

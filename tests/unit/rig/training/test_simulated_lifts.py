@@ -3,20 +3,20 @@
 import numpy as np
 import pytest
 
-from rig.training.lifts import SIGHT_HZ, simulated_lifts
+from rig.training.lifts import AT_REST, SIGHT_HZ, simulated_lifts
 
 SIZE = (36, 48)
 
 
 def test_simulated_lifts_follow_the_protocol_and_are_reproducible() -> None:
-    first, second = (next(simulated_lifts(["7"], 1, 5, lambda *_: None)).wrist() for _ in range(2))
-    assert first.states == second.states
-    assert (first.turn_deg == second.turn_deg).all()
-    assert first.rising.sum() == pytest.approx((1.5 + 1.2) * 30, abs=3)
-    assert not first.turn_deg[~first.rising].any()
-    assert 5.0 < abs(first.turn_deg[-1]) < 30.0
-    pulled = np.array([s.wrench[2] for s in first.states])
-    assert pulled[-20:].mean() < pulled[: -len(pulled) // 2].mean() - 0.1
+    first, second = (next(simulated_lifts(["7"], 1, 5, lambda *_: None)).steps() for _ in range(2))
+    np.testing.assert_array_equal(first, second)
+    turn_deg, rising = first[:, 6], first[:, 7] == 1.0
+    assert rising.sum() == pytest.approx((1.5 + 1.2) * 30, abs=3)
+    assert set(first[~rising, 7]) == {np.float32(AT_REST)}
+    assert not turn_deg[~rising].any()
+    assert 5.0 < abs(turn_deg[-1]) < 30.0
+    assert first[-20:, 2].mean() < first[: len(first) // 2, 2].mean() - 0.1
 
 
 def test_fingertips_measure_opposite_image_rotations() -> None:

@@ -16,11 +16,10 @@ import torch
 from drivers.errors import InputError
 from rig.labels.datasets import FOLDS
 from rig.tactile.contact.network import Recipe, load_network
-from rig.training.batches import LabelledFrame, augmented
-from rig.training.checkpoint import fill_encoder, import_checkpoint, load_weights, read_state
+from rig.training import networks
 from rig.training.examples import simulated_examples
-from rig.training.export import export_eight_bit, export_half, export_onnx
-from rig.training.loop import Schedule, Training, arithmetic_of, focal_loss
+from rig.training.export import export_eight_bit, export_half, export_onnx, import_checkpoint
+from rig.training.loop import LabelledFrame, Schedule, Training, arithmetic_of, augmented, focal_loss
 from rig.training.networks import ARCHITECTURES, build_network, find_architecture
 from rig.training.run import TrainSettings, train_all
 
@@ -35,29 +34,26 @@ def examples():
     return simulated_examples(["1", "7"], 48, 0, (128, 160), family=True)
 
 
+def trained(epochs: int, seed: int) -> Training:
+    return Training(OURS, "resnet18", (96, 80), Schedule(epochs, 16, 4e-3, True), seed)
+
+
 def test_training_lowers_the_loss(examples, tmp_path: Path) -> None:
-    training = Training(OURS, "resnet18", (96, 80), Schedule(6, 16, 4e-3, True), 0)
+    training = trained(6, 0)
     training.run(examples, examples, tmp_path / "state.pt")
-    losses = [epoch.loss for epoch in training.history]
-    assert losses[-1] < 0.8 * losses[0]
+    assert training.history[-1].loss < 0.8 * training.history[0].loss
 
 
-def test_a_training_continued_after_a_stop_ends_as_one_that_was_not_stopped(examples, tmp_path: Path) -> None:
-    schedule = Schedule(2, 16, 4e-3, True)
-    whole = Training(OURS, "resnet18", (96, 80), schedule, 3)
+def test_training_continued_after_a_stop_ends_as_one_that_was_not_stopped(examples, tmp_path: Path) -> None:
+    whole, first, second = (trained(2, 3) for _ in range(3))
     whole.run(examples, examples, tmp_path / "whole.pt")
-
-    class StoppedError(Exception):
-        pass
 
     def stop(epoch: object, _: float) -> None:
         if epoch is not None:
-            raise StoppedError
+            raise InterruptedError
 
-    first = Training(OURS, "resnet18", (96, 80), schedule, 3)
-    with pytest.raises(StoppedError):
+    with pytest.raises(InterruptedError):
         first.run(examples, examples, tmp_path / "cut.pt", stop)
-    second = Training(OURS, "resnet18", (96, 80), schedule, 3)
     second.load(tmp_path / "cut.pt")
     second.run(examples, examples, tmp_path / "cut.pt")
     assert [e.number for e in second.history] == [1, 2]
@@ -136,29 +132,23 @@ def test_checkpoints_that_do_not_fit_are_refused(tmp_path: Path) -> None:
     torch.save([1, 2], tmp_path / "list.pth")
     torch.save({"state_dict": {}}, tmp_path / "empty.pth")
     (tmp_path / "cut.pth").write_bytes((tmp_path / "unet.pth").read_bytes()[:1000])
-    said_of = {
-        "unet": "--arch",
-        "list": "list",
-        "empty": "no weights",
-        "cut": "not a complete",
-        "none": "no such",
-    }
-    for name, said in said_of.items():
+    wrong = {"unet": "--arch", "list": "list", "empty": "no weights", "cut": "complete", "none": "no such"}
+    for name, said in wrong.items():
         with pytest.raises(InputError, match=said):
-            load_weights(build_network(PSPNET), tmp_path / f"{name}.pth")
+            networks.load_weights(build_network(PSPNET), tmp_path / f"{name}.pth")
 
 
 def test_an_encoder_takes_its_own_weights_and_no_others(tmp_path: Path) -> None:
     made, wanted = build_network(PSPNET).encoder, build_network(PSPNET).encoder
     own = made.state_dict()
     torch.save({**own, "classifier.weight": torch.zeros(3)}, tmp_path / "own.pth")
-    fill_encoder(wanted, tmp_path / "own.pth")
+    networks.fill_encoder(wanted, tmp_path / "own.pth")
     assert all(torch.equal(value, own[key]) for key, value in wanted.state_dict().items())
     torch.save({"features.0.weight": torch.zeros(3)}, tmp_path / "other.pth")
     torch.save({key: value[:1] for key, value in own.items() if value.dim()}, tmp_path / "narrow.pth")
     for name, said in (("other.pth", "lacks"), ("narrow.pth", "does not fit")):
         with pytest.raises(InputError, match=said):
-            fill_encoder(wanted, tmp_path / name)
+            networks.fill_encoder(wanted, tmp_path / name)
 
 
 class Malicious:
@@ -169,7 +159,7 @@ class Malicious:
 def test_code_in_a_checkpoint_is_never_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "evil.pth").write_bytes(pickle.dumps({"state_dict": Malicious()}))
     with pytest.raises(InputError):
-        read_state(tmp_path / "evil.pth")
+        networks.read_state(tmp_path / "evil.pth")
     assert "run" not in capsys.readouterr().out
 
 

@@ -1,6 +1,7 @@
 """Training examples of turning contacts agree with the drawn contacts."""
 
 from itertools import islice
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -73,24 +74,15 @@ def test_every_second_sensor_is_a_variation_of_the_look() -> None:
     assert 2 <= in_the_look <= 10
 
 
-class SeedRecorder:
-    """Stands for a look; records the seeds of the variations that are asked for."""
-
-    def __init__(self) -> None:
-        self.seeds: list[int] = []
-
-    def varied(self, seed: int) -> None:
-        self.seeds.append(seed)
-
-
 @pytest.mark.parametrize("kind", ["train", "train-turning"])
 def test_training_varies_looks_by_seeds_that_no_bench_accepts(kind: str) -> None:
-    look: Any = SeedRecorder()
+    seeds: list[int] = []
+    look: Any = SimpleNamespace(varied=seeds.append)
     units = training_frames(["1"], 3, look=look) if kind == "train" else turning_frames(3, look)
     for _ in islice(units, 6):
         pass
-    assert len(look.seeds) >= 2
-    assert min(look.seeds) >= LOOK_SEEDS_FROM
+    assert len(seeds) >= 2
+    assert min(seeds) >= LOOK_SEEDS_FROM
     sensor = {"driver": "fake", "serial": "S1", "look": "tactile-S1.npz"}
     TactileConfig.model_validate({**sensor, "look_seed": LOOK_SEEDS_FROM - 1})
     with pytest.raises(ValidationError, match="look_seed"):

@@ -13,13 +13,14 @@ from fakes.gel.sensor import GelSensor, Imprint
 from fakes.gel.variation import draw_variation
 from fakes.objects.catalogue import load_catalogue
 from fakes.objects.surfaces import build_surface, depth_for_force
-from rig.benchmark.segmentation import Panels, read_panels
+from rig.benchmark.segmentation import PANELS, read_panels
 from rig.frames.masks import SegmentChoice, make_segmenter, shipped_cards
 from rig.labels.polygons import agreement, contact_label
 from rig.tactile.contact.finder import ContactFinder
 from rig.tactile.contact.model_files import MODELS
 from rig.tactile.contact.network import SHIPPED, load_network
 from rig.tactile.contact.segmenter import FrameState, Segmenter, moved_outline
+from rig.training.examples import Examples
 from support.onnx_bytes import INT64, field, identity_model, model, node
 
 Image = NDArray[np.uint8]
@@ -136,20 +137,19 @@ def test_failing_network_is_named(tmp_path: Path) -> None:
 
 
 @pytest.fixture(scope="module")
-def panels(real_data: Path) -> Panels:
-    panels = read_panels(real_data)
-    if panels is None:
+def panels(real_data: Path) -> Examples:
+    if not (real_data / PANELS).is_dir():
         pytest.skip(f"no real frames in {real_data}")
-    return panels
+    return read_panels(real_data / PANELS)
 
 
-def dice(panels: Panels, margin: float = 0.0) -> list[float]:
-    segmenter = Segmenter(load_network("ours"), panels.background, margin)
+def dice(panels: Examples, margin: float = 0.0) -> list[float]:
+    segmenter = Segmenter(load_network("ours"), panels.backgrounds[0], margin)
     pairs = zip(panels.frames, panels.labels, strict=True)
     return [agreement(segmenter.find(frame).mask, label).dice for frame, label in pairs]
 
 
-def test_masks_agree_with_the_labels(panels: Panels) -> None:
+def test_masks_agree_with_the_labels(panels: Examples) -> None:
     scores = sorted(dice(panels))
     assert np.mean(scores) >= 0.93
     # an edge in a dark corner is the hardest of the nine; of the others none is missed by much
@@ -172,7 +172,7 @@ def test_contacts_on_a_sensor_of_another_make_are_found(real_data: Path) -> None
     assert np.mean(dice) > 0.8
 
 
-def test_outline_without_margin_fits_manual_labels_best(panels: Panels) -> None:
+def test_outline_without_margin_fits_manual_labels_best(panels: Examples) -> None:
     at_zero = np.mean(dice(panels))
     assert at_zero > np.mean(dice(panels, -0.03))
     assert at_zero > np.mean(dice(panels, 0.03))

@@ -13,7 +13,7 @@ from scipy.spatial import KDTree
 
 from drivers.clock import NS_PER_S
 from drivers.types import Image
-from rig.tactile.contact.gate import ContactGate
+from rig.tactile.contact.gate import ContactGate, Region
 from rig.tactile.contact.relative import DARK_OFFSET, smoothed
 
 # Standard deviations, px: marks are the difference to a blur by SHARP_PX; noise is reduced by NOISE_PX.
@@ -40,6 +40,9 @@ MOST_SHARE, MOST_LATER = 0.05, 0.25
 # Largest fraction of a seeming contact that its marks cover: 0.2 to 0.5 for a hair, scratches and dust, 0.65
 # and more for small sharp contacts (drawn).
 MOST_COVERED = 0.6
+# A seeming contact that its marks cover, and that keeps its area for this number of the first frames within
+# this factor, is a mark if the region becomes larger by the second factor: the contact has come then.
+STILL_FRAMES, STILL, OUTGROWN = 5, 1.1, 1.5
 # Smaller weights of a rim are left out.
 LEAST_WEIGHT = 1e-3
 # Period of the search for later marks; number of searched frames that are averaged.
@@ -94,6 +97,8 @@ class LaterMarks:
         self._newest: Field | None = None
         self._touched = False
         self._searched_ns: int | None = None
+        self._suspected: Image | None = None
+        self._area_px = self._still = 0
 
     @property
     def later(self) -> Image:
@@ -110,16 +115,20 @@ class LaterMarks:
         self._searched_ns = time_ns if due else self._searched_ns
         return due
 
-    def explain(self, difference: Field, contact: Image) -> bool:
+    def explain(self, difference: Field, region: Region, first: bool) -> bool:
         """Whether a difference (h, w, 3) shows no contact if its marks are filled.
 
-        contact: mask of the seeming contact, of the size of the work copy. The hull of marks is mostly empty.
+        region: of the seeming contact, in the work copy. The hull of marks is mostly empty. If they cover it,
+        they may be a contact, or marks if that is in the first frames: see `confirmed`.
         """
+        contact = region.mask
         size = contact.shape[1], contact.shape[0]
         marked = self._first | _later(difference)
         seeming = cv2.resize(contact, marked.shape[::-1], interpolation=cv2.INTER_NEAREST)
         covered = cv2.countNonZero(cv2.bitwise_and(marked, marked, mask=seeming))
         if covered > MOST_COVERED * cv2.countNonZero(seeming):
+            if first:
+                self._suspected, self._area_px = marked, region.area_px
             return False
         work = np.asarray(cv2.resize(difference, size, interpolation=cv2.INTER_AREA), np.float32)
         # The mean of the surroundings is enough here, and cheaper than a plane through them.
@@ -127,6 +136,20 @@ class LaterMarks:
         sums = cv2.GaussianBlur(np.dstack([work * clear, clear]), (0, 0), FILL_PX)
         clean = np.where(clear > 0.0, work, sums[..., :3] / np.maximum(sums[..., 3:], 1e-3))
         return ContactGate().find(smoothed(clean)) is None
+
+    def confirmed(self, region: Region | None) -> bool:
+        """Take the marks of the first frames as such if a contact has come beside them; return whether."""
+        if self._suspected is None:
+            return False
+        growth = 0.0 if region is None else region.area_px / self._area_px
+        still = 1.0 / STILL <= growth <= STILL
+        self._still += still
+        if growth < 1.0 / STILL or (self._still < STILL_FRAMES and not still):
+            self._suspected = None
+        if self._suspected is None or growth < OUTGROWN:
+            return False
+        self.marked, self._suspected = self._suspected, None
+        return True
 
     def add(self, difference: Field) -> bool:
         """Search a frame without contact; return whether the marks have changed.

@@ -81,10 +81,8 @@ class SlipEstimator(FreshFrameEstimator):
         self._computed: SlipSample | None = None
         self._seen_ns: int | None = None
         self._gone = self._settled = False
-        self._angle_rad: float | None = None
         self._fitted_ns = self._answered_ns = 0
-        self._variance = self._unseen = self._rate_rad_s = 0.0
-        self._origin_px: complex | None = None
+        self._begin()
 
     def gripped_further(self) -> None:
         """Take a keyframe of the present contact at its angle, because older keyframes fit it less well."""
@@ -162,21 +160,36 @@ class SlipEstimator(FreshFrameEstimator):
         if self._fine_due:
             self._fine_lit.fill(self._marks.marked)
             self._fine_due = False
+        if self._marks.confirmed(region):
+            self._fill()
+            self._begin()
+            return True
         volume = 0.0 if region is None else region.area_px * region.strength
         self._most = max(self._most, volume) if region is not None else 0.0
         self._unclear = self._unclear and region is not None
         weak = volume < WEAK_SHARE * self._most or region is None
         if not self._unclear and not (weak and self._marks.due(time_ns)):
             return region is None
-        difference = self._fine_lit.unfilled(fine, light)
-        self._unclear = region is not None and self._marks.explain(difference, region.mask)
+        difference, first = self._fine_lit.unfilled(fine, light), self._unclear
+        self._unclear = region is not None and self._marks.explain(difference, region, first)
         if region is not None and not self._unclear:
             return False
         if self._marks.add(difference):
-            self._lit.fill(self._marks.marked)
-            self._fine_due = True  # in the next frame, because it takes as long
-            self._texture.leave_out(self._marks.later)
+            self._fill()
         return True
+
+    def _fill(self) -> None:
+        """Fill the present marks from now on; those of the fine copy in the next frame, to share the time."""
+        self._lit.fill(self._marks.marked)
+        self._fine_due = True
+        self._texture.leave_out(self._marks.later)
+
+    def _begin(self) -> None:
+        """Forget all contacts."""
+        self._tracker.release()
+        self._angle_rad: float | None = None
+        self._variance = self._unseen = self._rate_rad_s = 0.0
+        self._origin_px: complex | None = None
 
     def _give_up(self, time_ns: int) -> None:
         """Begin again if no keyframe has fitted for `give_up_s`."""

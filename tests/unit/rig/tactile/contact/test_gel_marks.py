@@ -108,6 +108,24 @@ def test_marks_that_came_after_the_background_are_left_out(desk: list[Frame], pa
     assert last.angle_deg - zero.angle_deg == pytest.approx(turned[1] - turned[0], abs=1.5)
 
 
+@pytest.mark.parametrize("ends", [((60, 64), (120, 256)), ((170, 90), (160, 260)), ((40, 200), (200, 170))])
+def test_straight_scratch_looks_like_a_contact_until_one_comes(
+    desk: list[Frame], ends: tuple[tuple[int, int], tuple[int, int]]
+) -> None:
+    """It could be a blade that was in the hand before; the contact beside it shows that it is a mark."""
+    scratch = [np.array(ends, np.int32)]
+    estimator = choose_estimator("slip").make(background_of(desk))
+    pictures = [(drawn_over(frame.image, scratch, 20.0, 1.0, 2), frame.time_ns) for frame in desk]
+    samples = [estimator.update(*picture) for picture in pictures]
+    zero = next(s for s in samples if s.time_ns > 4.0 * NS_PER_S and s.settled and s.angle_deg is not None)
+    digit, last = desk_digit(), samples[-1]
+    digit.draw(0, np.random.default_rng(0))
+    turned = [digit.turn_deg(sample.time_ns) for sample in (zero, last)]
+    error_deg = last.angle_deg - zero.angle_deg - (turned[1] - turned[0])
+    assert abs(error_deg) < max(1.5, 2.0 * last.sigma_deg)
+    assert last.sigma_deg < 5.0
+
+
 def test_what_an_object_leaves_on_the_gel_is_no_contact() -> None:
     background, step_ns = drawn_press(None), NS_PER_S // 20
     estimator = choose_estimator("slip").make(background)
@@ -148,7 +166,7 @@ def test_frames_beside_a_contact_are_not_searched() -> None:
 def explained(image: Image, background: Image) -> bool:
     light = RelativeDifference(background, (60, 80))
     region = ContactGate().find(light.of(light.reduced(image)))
-    return LaterMarks(found_marks(background, FINE)).explain(difference(image, background), region.mask)
+    return LaterMarks(found_marks(background, FINE)).explain(difference(image, background), region, True)
 
 
 def test_contact_is_not_explained_by_marks() -> None:

@@ -41,7 +41,8 @@ MOST_SHARE, MOST_LATER = 0.05, 0.25
 # and more for small sharp contacts (drawn).
 MOST_COVERED = 0.6
 # A seeming contact that its marks cover, and that keeps its area for this number of the first frames within
-# this factor, is a mark if the region becomes larger by the second factor: the contact has come then.
+# this factor, is a mark if the region is larger by the second factor in as many frames: the contact has come
+# then. A single larger frame may be torn.
 STILL_FRAMES, STILL, OUTGROWN = 5, 1.1, 1.5
 # Smaller weights of a rim are left out.
 LEAST_WEIGHT = 1e-3
@@ -98,7 +99,7 @@ class LaterMarks:
         self._touched = False
         self._searched_ns: int | None = None
         self._suspected: Image | None = None
-        self._area_px = self._still = 0
+        self._area_px = self._still = self._grown = 0
 
     @property
     def later(self) -> Image:
@@ -144,9 +145,10 @@ class LaterMarks:
         growth = 0.0 if region is None else region.area_px / self._area_px
         still = 1.0 / STILL <= growth <= STILL
         self._still += still
+        self._grown = self._grown + 1 if growth >= OUTGROWN else 0
         if growth < 1.0 / STILL or (self._still < STILL_FRAMES and not still):
             self._suspected = None
-        if self._suspected is None or growth < OUTGROWN:
+        if self._suspected is None or self._grown < STILL_FRAMES:
             return False
         self.marked, self._suspected = self._suspected, None
         return True

@@ -41,9 +41,9 @@ MOST_SHARE, MOST_LATER = 0.05, 0.25
 # and more for small sharp contacts (drawn).
 MOST_COVERED = 0.6
 # A seeming contact that its marks cover, and that keeps its area for this number of the first frames within
-# this factor, is a mark if the region is larger by the second factor in as many frames: the contact has come
-# then. A single larger frame may be torn.
-STILL_FRAMES, STILL, OUTGROWN = 5, 1.1, 1.5
+# this factor, is a mark if the region is larger by the second factor in this number of frames in a row: the
+# contact has come then. A single larger frame may be torn.
+STILL_FRAMES, STILL, OUTGROWN, GROWN_FRAMES = 5, 1.1, 1.5, 2
 # Smaller weights of a rim are left out.
 LEAST_WEIGHT = 1e-3
 # Period of the search for later marks; number of searched frames that are averaged.
@@ -148,7 +148,7 @@ class LaterMarks:
         self._grown = self._grown + 1 if growth >= OUTGROWN else 0
         if growth < 1.0 / STILL or (self._still < STILL_FRAMES and not still):
             self._suspected = None
-        if self._suspected is None or self._grown < STILL_FRAMES:
+        if self._suspected is None or self._grown < GROWN_FRAMES:
             return False
         self.marked, self._suspected = self._suspected, None
         return True

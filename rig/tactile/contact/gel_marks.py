@@ -119,8 +119,8 @@ class LaterMarks:
     def explain(self, difference: Field, region: Region, first: bool) -> bool:
         """Whether a difference (h, w, 3) shows no contact if its marks are filled.
 
-        region: of the seeming contact, in the work copy. The hull of marks is mostly empty. If they cover it,
-        they may be a contact, or marks if that is in the first frames: see `confirmed`.
+        region: of the seeming contact, in the work copy. The hull of marks is mostly empty. A region that is
+        mostly covered counts as a contact; in the first frames its marks are stored for `confirmed`.
         """
         contact = region.mask
         size = contact.shape[1], contact.shape[0]
@@ -139,7 +139,7 @@ class LaterMarks:
         return ContactGate().find(smoothed(clean)) is None
 
     def confirmed(self, region: Region | None) -> bool:
-        """Take the marks of the first frames as such if a contact has come beside them; return whether."""
+        """Add the stored marks of the first frames if a contact has come beside them; return whether."""
         if self._suspected is None:
             return False
         growth = 0.0 if region is None else region.area_px / self._area_px

@@ -32,8 +32,8 @@ from rig.tactile.slip.pixels import (
     without_broad,
 )  # fmt: skip
 
-COMPILING_S = 13
-"""Duration of the compilation, s: 11 to 14 s of CPU time in three runs with an empty NUMBA_CACHE_DIR."""
+COMPILING_S = 11
+"""Duration of the compilation, s: 10.3 to 10.7 s of CPU time in three runs with an empty NUMBA_CACHE_DIR."""
 
 
 class _Report(Listener):

@@ -80,7 +80,7 @@ def test_compiling_is_reported_once_and_only_if_something_is_compiled(
             with install_listener("numba:compile", _Report()):
                 installed(tmp_path / folder)(2.0)
                 assert len(caplog.messages) == messages
-    assert caplog.messages[0].startswith("compiling the estimator, about 13 s if a core is idle, once")
+    assert caplog.messages[0].startswith("compiling the estimator, about 11 s if a core is idle, once")
 
 
 def test_cached_loops_of_the_estimator_cause_no_message(caplog: pytest.LogCaptureFixture) -> None:

@@ -122,7 +122,7 @@ def test_full_disk_is_an_error_within_the_lift(tmp_path: Path) -> None:
 
     with pytest.raises(RecordingError, match=r"007\.unfinished\.mcap: cannot be written"):
         until_full()
-    assert MB < max(sizes) < 4 * MB
+    assert max(sizes) < 4 * MB
     assert file.path.stat().st_size == MB
     assert writers() == []
 

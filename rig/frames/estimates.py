@@ -151,7 +151,7 @@ def estimate_checked(
 ) -> tuple[Estimate, BackgroundCheck]:
     """Estimate every frame as `estimate_series` does, and check the background with each frame.
 
-    The estimate has no angles if the frames do not fit the background. Raises `InputError`.
+    The estimate has no angles if the check finds that the frames do not fit. Raises `InputError`.
     """
     check = BackgroundCheck(background)
 
@@ -455,8 +455,8 @@ class Estimation:
         to_object = 1 if self._published else sign
         estimate = zeroed(raw, self._reference, self._published, to_object, lift_ns)
         if check.misfit:
-            cure = "no angles: give a background of the same camera position, or --background auto"
-            doubts.append(f"{check.misfit}; {cure}")
+            remedy = "give a background of the same camera position, or --background auto"
+            doubts.append(f"no angles: {check.doubt_with(remedy)}")
         elif check.doubt:
             doubts.append(CONTACT_IN_BACKGROUND)
         doubts += frame_doubts(series)

@@ -43,7 +43,7 @@ class StreamingEstimator:
         self._check: BackgroundCheck | None = None
         self._warned: set[bool] = set()
         self.misfit = False
-        """Whether the frames do not fit the background, so that they have no angle."""
+        """Whether the frames have no angle, because they do not fit the background or are compressed."""
         self.news = ""
         """A text for the user if the sensor has frozen since the frame before."""
 
@@ -146,7 +146,7 @@ class StreamingEstimator:
         self.misfit = bool(check.misfit)
         if check.doubt and self.misfit not in self._warned:
             self._warned.add(self.misfit)
-            warnings.warn(f"{check.doubt}: {TAKE_AGAIN}", stacklevel=4)
+            warnings.warn(check.doubt_with(TAKE_AGAIN), stacklevel=4)
 
     def _settle(self, sample: SlipSample) -> None:
         """Note whether the contact has settled, and set the reference if one is due."""

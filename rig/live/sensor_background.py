@@ -69,12 +69,11 @@ class SensorBackground:
     @property
     def doubt(self) -> str:
         """Why the background is doubtful, with the remedy; else an empty text."""
-        doubt = "" if self._check is None else self._check.doubt
-        return f"{doubt}: lift the object, press Take background" if doubt else ""
+        return "" if self._check is None else self._check.doubt_with("lift the object, press Take background")
 
     @property
     def misfit(self) -> bool:
-        """Whether the frames do not fit the background, so that they have no angle."""
+        """Whether the frames have no angle, because they do not fit the background or are compressed."""
         return self._check is not None and bool(self._check.misfit)
 
     def take(self) -> None:

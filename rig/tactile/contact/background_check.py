@@ -19,6 +19,8 @@ from rig.tactile.sample import check_frame
 
 TAKE_AGAIN = "lift the object, take another background"
 """Remedy for the doubts in a live stream."""
+LESS_COMPRESSION = "store or send them with JPEG quality 80 or more"
+"""Remedy for strong compression."""
 LOOKS_LIKE_CONTACT = "this background looks like a contact"
 """Text of the doubt; the caller adds the remedy."""
 CHECK_EVERY_NS = NS_PER_S // 10
@@ -65,8 +67,12 @@ class BackgroundCheck:
 
     @property
     def misfit(self) -> str:
-        """Why the frames do not fit the background, so that angles are wrong; else ""."""
+        """Why the frames have no angle: they do not fit the background, or are compressed; else ""."""
         return self._fit.text
+
+    def doubt_with(self, remedy: str) -> str:
+        """Return the doubt and what to do, "" without a doubt. remedy: for a background to take again."""
+        return f"{self.doubt}: {LESS_COMPRESSION if self._fit.compressed else remedy}" if self.doubt else ""
 
     def add(self, image: Image, time_ns: int) -> None:
         """Compare a frame with the background, unless the last checked frame is too close in time.
@@ -80,6 +86,7 @@ class BackgroundCheck:
         if self._checked_ns is not None and 0 <= time_ns - self._checked_ns < self._every_ns:
             return
         self._checked_ns = time_ns
+        self._fit.add_blocks(image)
         ratio = self._comparison.edge_ratio(image, self._slopes)
         if ratio is None:
             return

@@ -1,8 +1,9 @@
-"""Detect a background that does not belong to the frames: a shifted camera, or dead rows and columns.
+"""Detect frames whose difference from the background is no contact.
 
-Such a difference stands still in the picture, and an estimator follows it as a contact that never turns. A
-shift is recognised because it explains a frame better than the background in its place does, whatever touches
-the gel; a dead line because all its pixels are alike.
+The camera has been shifted, rows or columns are dead, or strong compression has left blocks of 8 x 8 pixels.
+All of these stand still in the picture, and an estimator follows them as a contact that never turns. A shift
+is recognised because it explains a frame better than the background in its place does, whatever touches the
+gel; a dead line because all its pixels are alike; blocks because neighbours differ more at their borders.
 """
 
 import math
@@ -35,9 +36,17 @@ CHECKED, FEWEST = 20, 3
 FLAT, LIVELY = 3, 12
 """A line is dead if its values span at most FLAT grey levels, and at least LIVELY in the background."""
 
+BLOCK_PX = 8
+"""Side of a block of JPEG and of most video compression (ISO/IEC 10918-1)."""
+BLOCKY, BLOCK_STEP = 3.0, 1.5
+"""Mean difference of neighbouring pixels at the borders of blocks, over the one inside, and the excess in
+grey levels, from which on blocks may hide a contact. Of 31 real clips with a ratio of 3 or more the excess is
+at most 1.22 as published, 1.47 after JPEG quality 50, and at least 1.54 after quality 30, which made angles
+of 3 of 19 clips confidently wrong. Two clips with dots, which blocks do not hide, have at most 2.4."""
+
 
 class Misfit:
-    """Collects evidence from frames with a contact that the background is shifted or lines are dead.
+    """Collects evidence from frames with a contact that more than the contact differs from the background.
 
     background: (H, W, 3) uint8 RGB.
     """
@@ -50,10 +59,15 @@ class Misfit:
         self._shifts = deque[tuple[float, float, float]](maxlen=CHECKED)
         self._shifted_px: float | None = None
         self._dead = deque[tuple[int, int]](maxlen=FEWEST)
+        self._blocks = deque[tuple[float, float]](maxlen=CHECKED)
+        self.compressed = False
+        """Whether the newest frames are compressed so strongly that blocks may hide a contact."""
 
     @property
     def text(self) -> str:
-        """The reason why the frames do not fit the background, "" if they do."""
+        """The reason why the frames have no angle, "" without one."""
+        if self.compressed:
+            return f"the images are so strongly compressed that blocks of {BLOCK_PX} pixels hide the contact"
         lines = zip(("rows", "columns"), self._dead_lines(), strict=True)
         what = [f"dead {name} ({count})" for name, count in lines if count]
         if self._shifted_px is not None:
@@ -74,6 +88,12 @@ class Misfit:
             size_px = float(np.hypot(*np.average([x, y], axis=1, weights=explained)))
             if size_px >= LEAST_PX:
                 self._shifted_px = size_px
+
+    def add_blocks(self, image: Image) -> None:
+        """Measure the blocks of a frame with or without contact. image: (H, W, 3) uint8 RGB."""
+        self._blocks.append(_blocks(image))
+        ratio, excess = np.median(self._blocks, axis=0)
+        self.compressed = bool(len(self._blocks) >= FEWEST and ratio >= BLOCKY and excess >= BLOCK_STEP)
 
     def _dead_lines(self) -> tuple[int, int]:
         """Return the number of rows and of columns that were dead in all of the newest frames."""
@@ -122,6 +142,20 @@ def _valley(costs: NDArray[np.float64], place: int) -> float:
     before, here, after = costs[place - 1 : place + 2]
     bend = before + after - 2.0 * here
     return place - REACH + (0.5 * (before - after) / bend if bend > 0.0 else 0.0)
+
+
+def _blocks(image: Image) -> tuple[float, float]:
+    """Return the difference of neighbours at the borders of blocks over the one inside, and minus it."""
+    green = cv2.extractChannel(image, 1)
+    at_borders, inside = [], []
+    for axis in (0, 1):
+        later, earlier = (green[1:], green[:-1]) if axis == 0 else (green[:, 1:], green[:, :-1])
+        steps = cv2.reduce(cv2.absdiff(later, earlier), 1 - axis, cv2.REDUCE_AVG, dtype=cv2.CV_64F).ravel()
+        border = np.arange(1, len(steps) + 1) % BLOCK_PX == 0
+        at_borders.append(steps[border].mean())
+        inside.append(steps[~border].mean())
+    border, within = float(np.mean(at_borders)), float(np.mean(inside))
+    return border / max(within, 0.1), border - within
 
 
 def _span(image: Image, axis: int) -> NDArray[np.uint8]:

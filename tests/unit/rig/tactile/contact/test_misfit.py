@@ -35,6 +35,11 @@ def dead(image: Image, rows: slice = slice(0), columns: slice = slice(0)) -> Ima
     return copy
 
 
+def compressed(image: Image, quality: int) -> Image:
+    data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, quality])[1]
+    return np.asarray(cv2.imdecode(data, cv2.IMREAD_COLOR), np.uint8)
+
+
 def misfit(background: Image, frames: Iterable[Image]) -> str:
     check = BackgroundCheck(background)
     for place, image in enumerate(frames):
@@ -89,6 +94,21 @@ def test_dead_lines_are_named(desk: list[Frame], rows: slice, columns: slice, na
     assert misfit(mean_background(frames[:15]), frames) == "", "the background has them too"
 
 
+@pytest.mark.parametrize(("quality", "named"), [(30, True), (70, False)])
+def test_strong_compression_is_named_with_its_own_remedy(
+    desk: list[Frame], quality: int, named: bool
+) -> None:
+    background, noise = background_of(desk), np.random.default_rng(1)
+    check = BackgroundCheck(background)
+    for frame in desk[::3]:
+        grain = cv2.GaussianBlur(noise.normal(0.0, 12.0, frame.image.shape), (0, 0), 1.0)
+        image = np.clip(np.rint(frame.image + grain), 0, 255).astype(np.uint8)
+        check.add(compressed(image, quality), frame.time_ns)
+    doubt = check.doubt_with("take another background")
+    expected = "blocks of 8 pixels hide the contact: store or send them with JPEG quality 80 or more"
+    assert doubt.endswith(expected) if named else doubt == ""
+
+
 def test_recorded_frames_with_a_shifted_background_have_no_angle(desk: list[Frame]) -> None:
     frames, times_s = [frame.image for frame in desk], [frame.time_ns / NS_PER_S for frame in desk]
     with pytest.warns(UserWarning, match="do not fit the background: shifted by about"):
@@ -131,6 +151,8 @@ def test_backgrounds_of_real_clips_fit_and_shifted_ones_do_not(real_clips: Path)
     assert not any(misfit(shifted(background, 1, 0), frames) for background, frames in clips)
     found = [misfit(shifted(background, 0, 2), frames) for background, frames in clips]
     assert sum("shifted by about 2 px" in text for text in found) >= 0.8 * len(clips)
+    strong = [misfit(background, [compressed(frame, 30) for frame in frames]) for background, frames in clips]
+    assert all("blocks of 8 pixels" in text for text in strong)
 
 
 @pytest.mark.slow

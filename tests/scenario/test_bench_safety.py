@@ -1,6 +1,8 @@
 """Programs that are stopped or killed at a bench over the wire protocol that counts as real.
 
-The true motions are read from the simulated world. `rig benchmark safety` does this at random moments.
+The true motions are read from the simulated world. `rig benchmark safety` does this at random moments. Without
+--long, the parts are tested: signals in `tests/cli/test_stopping.py`, the safe end and the questions about the
+hand in `tests/unit/protocols`, the arm's stop in `ur5e`.
 """
 
 import os
@@ -21,10 +23,10 @@ from rig.config import BenchConfig
 from rig.config.write import write_bench
 from rig.sessions.rows import read_lifts
 from support.command_line import SHORT_PHASES
-from support.marks import long
 from support.slow_motion import SLOWNESS, pause
 from support.waiting import LIMIT_S, until
 
+pytestmark = pytest.mark.long
 GRASP_M, ABOVE_M = 0.06, 0.16
 """Heights of the tool at the grasp and at the start of the descent."""
 
@@ -84,7 +86,7 @@ def lifting(served: Served, out: Path) -> "subprocess.Popen[str]":
     return process
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, *long(signal.SIGQUIT)])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGQUIT])
 def test_trial_stopped_on_its_way_down_stays_there(
     served: Served, tmp_path: Path, number: signal.Signals
 ) -> None:
@@ -128,7 +130,6 @@ def test_object_held_after_a_kill_is_neither_dropped_nor_moved_unasked(
     assert last.returncode == 3, error
 
 
-@pytest.mark.long
 def test_resume_after_a_stop_in_the_hold_moves_nothing_before_a_person_has_placed_the_object(
     served: Served, tmp_path: Path
 ) -> None:
@@ -147,7 +148,6 @@ def test_resume_after_a_stop_in_the_hold_moves_nothing_before_a_person_has_place
         assert served.world()["tool_m"] == pytest.approx(left["tool_m"], abs=1e-4)
 
 
-@pytest.mark.long
 def test_second_object_is_not_grasped_before_a_person_has_placed_it(served: Served, tmp_path: Path) -> None:
     served.control.call("place", object="wrench", seed=3)
     process = trial(served, served.real, tmp_path / "s", "--object", "toothbrush")

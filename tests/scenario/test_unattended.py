@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import pytest
@@ -15,13 +15,13 @@ from rig.bench.assembly import build_bench
 from rig.bench.operators import ConsoleOperator
 from rig.bench.source import BenchSource
 from rig.config import BenchConfig
-from rig.experiments import lift_plan
-from rig.experiments.lift_plan import LiftPlan, TrialSettings, plan_lift
+from rig.experiments.lift_plan import TrialSettings
 from rig.experiments.record import RecordSettings, run_record
 from rig.experiments.trial import run_trial
 from rig.sessions.records import LiftOutcome
 from rig.sessions.rows import read_lifts, read_poses
 from rig.tactile.estimators import choose_estimator
+from support.quick_lifts import quick_lifts
 
 
 @dataclass
@@ -78,9 +78,9 @@ def refused_again(folder: Path, config: BenchConfig, objects: list[str], lifts: 
     return alone
 
 
-def falling(*of: object) -> LiftPlan:
-    """A plan whose grip is too loose."""
-    return replace(plan_lift(*of), grip_steps=2)  # type: ignore[arg-type]
+@pytest.fixture(autouse=True)
+def lifts_without_motions(monkeypatch: pytest.MonkeyPatch) -> None:
+    quick_lifts(monkeypatch)
 
 
 def test_only_the_next_object_needs_a_person_and_the_campaign_can_be_resumed(
@@ -109,7 +109,7 @@ def test_only_the_next_object_needs_a_person_and_the_campaign_can_be_resumed(
 def test_fallen_object_needs_a_person(
     tmp_path: Path, light_bench: BenchConfig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(lift_plan, "plan_lift", falling)
+    quick_lifts(monkeypatch, falling=["t1"])
     alone = Attended(light_bench)
     with pytest.raises(OperatorStopError, match="the last object fell or may lie anywhere: a person has to"):
         run(tmp_path / "s", alone, ["t1"], 2)
@@ -127,14 +127,15 @@ def test_fallen_object_needs_a_person(
     ]
 
 
-def test_fault_needs_a_person(tmp_path: Path, light_bench: BenchConfig) -> None:
-    fault = {"device": "gripper", "kind": "blocked", "at_s": 5.5}
-    bench = BenchConfig.model_validate({**light_bench.model_dump(), "faults": [fault]})
-    alone = Attended(bench)
+def test_fault_needs_a_person(
+    tmp_path: Path, light_bench: BenchConfig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    quick_lifts(monkeypatch, fault="gripper: blocked")
+    alone = Attended(light_bench)
     with pytest.raises(OperatorStopError, match="a person has to place"):
         run(tmp_path / "s", alone, ["t1"], 1)
     assert [row.outcome for row in read_lifts(tmp_path / "s")] == [LiftOutcome.FAULT]
-    refused_again(tmp_path / "s", bench, ["t1"], 1)
+    refused_again(tmp_path / "s", light_bench, ["t1"], 1)
 
 
 @pytest.mark.parametrize("lost_with", ["unfinished", "its final name"])
@@ -173,7 +174,7 @@ def test_object_that_was_set_down_needs_nobody_after_a_resume(
 def test_named_feeder_places_objects_and_is_written_into_the_log(
     tmp_path: Path, light_bench: BenchConfig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(lift_plan, "plan_lift", falling)
+    quick_lifts(monkeypatch, falling=["t1"])
     fed = Attended(light_bench, feeder="magazine 2")
     run(tmp_path / "s", fed, ["t1", "t2"], 2)
     assert fed.asked == []

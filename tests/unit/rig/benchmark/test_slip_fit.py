@@ -4,6 +4,7 @@ import json
 import math
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import cache
 from itertools import islice
 from pathlib import Path
 
@@ -24,9 +25,12 @@ LIFT = 900
 FIRST_FRAMES = 100
 
 
+lift_of = cache(drawn_lift)
+
+
 def clip(name: str) -> LabelledClip:
     """Frames of a rendered lift as a labelled clip."""
-    tip = drawn_lift(LIFT).tips["0"]
+    tip = lift_of(LIFT).tips["0"]
     series = FrameSeries(name, lambda: islice(tip.frames, FIRST_FRAMES))
     turn_deg, last = draw_course(LIFT).turn_deg, FIRST_FRAMES - 1
     label = ClipLabel(last, float(turn_deg[last] - turn_deg[59]), 1.0)
@@ -61,19 +65,18 @@ def test_gain_counts_versions_of_a_clip_once_and_clips_as_much_as_all_lifts() ->
     assert study.gain_of(cases, before, one_clip) == pytest.approx((0.5, 0.5))
 
 
-@pytest.mark.parametrize("name", [f"{group}.{name}" for group, of in shipped().items() for name in of])
-def test_every_parameter_can_be_stepped_in_both_directions_and_back(name: str) -> None:
-    group, _, short = name.partition(".")
-    value = shipped()[group][short]
-    assert value == getattr(GROUPS[group], short) > 0.0  # the estimator uses it
-    less, more = (study.stepped(value, name, factor) for factor in (1.0 / study.STEP, study.STEP))
-    assert 0.0 < less < value < more
-    if short in study.COUNTS:
-        assert all(each == int(each) for each in (less, value, more))
-    else:
-        assert study.stepped(more, name, 1.0 / study.STEP) == pytest.approx(value)
-    if short in study.FRACTIONS or short.endswith("share"):
-        assert more < 1.0
+def test_every_parameter_can_be_stepped_in_both_directions_and_back() -> None:
+    for group, short in ((group, short) for group, of in shipped().items() for short in of):
+        name, value = f"{group}.{short}", shipped()[group][short]
+        assert value == getattr(GROUPS[group], short) > 0.0  # the estimator uses it
+        less, more = (study.stepped(value, name, factor) for factor in (1.0 / study.STEP, study.STEP))
+        assert 0.0 < less < value < more, name
+        if short in study.COUNTS:
+            assert all(each == int(each) for each in (less, value, more)), name
+        else:
+            assert study.stepped(more, name, 1.0 / study.STEP) == pytest.approx(value), name
+        if short in study.FRACTIONS or short.endswith("share"):
+            assert more < 1.0, name
 
 
 def test_every_group_fraction_and_count_is_shipped() -> None:
@@ -98,7 +101,10 @@ def test_penalty_of_stored_cases_depends_on_the_parameters(tmp_path: Path) -> No
     assert study.penalty((vague, case)) > usual
 
 
-def test_rendered_lift_is_scored_at_both_fingertips_and_fused(tmp_path: Path) -> None:
+def test_rendered_lift_is_scored_at_both_fingertips_and_fused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(study, "drawn_lift", lift_of)
     case = study.store_rendered(tmp_path, LIFT)
     truth = np.load(case.folder / "truth.npz")
     assert int(truth["zero_ns"]) == LIFT_NS
@@ -108,6 +114,10 @@ def test_rendered_lift_is_scored_at_both_fingertips_and_fused(tmp_path: Path) ->
 def test_fit_keeps_what_it_has_tried_and_goes_on_with_resume(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    def penalty(task: tuple[study.Values, study.Case]) -> float:
+        return abs(math.log(task[0]["keyframes"]["richer"] / (study.STEP * shipped()["keyframes"]["richer"])))
+
+    monkeypatch.setattr(study, "penalty", penalty)
     clips = [clip("one"), clip("two")]
     monkeypatch.setattr(study, "read_clips", lambda *_: clips)
     monkeypatch.setattr(study, "ClipVersion", [ClipVersion.PLAIN])
@@ -121,6 +131,8 @@ def test_fit_keeps_what_it_has_tried_and_goes_on_with_resume(
     assert set(card["parameters"]) == set(GROUPS)
     tried = (tmp_path / "fit" / study.TRIED).read_text().splitlines()
     assert len(tried) >= 2
+    richer = shipped()["keyframes"]["richer"]
+    assert card["parameters"]["keyframes"]["richer"] == pytest.approx(study.STEP * richer)
     with pytest.raises(InputError, match="--resume"):
         study.measure(options, run)
     report = study.measure(

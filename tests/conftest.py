@@ -41,7 +41,7 @@ screen.SILENT_S = 600.0
 
 FUZZ_CASES, LONG_FUZZ_CASES = 60, 1000
 """Damaged inputs per format, without and with --long."""
-PROPERTY_CASES, LONG_PROPERTY_CASES = 15, 200
+PROPERTY_CASES, LONG_PROPERTY_CASES = 8, 200
 """Examples of a property test that sets no number itself, without and with --long."""
 SLOW_FOLDERS = ("tests/cli/", "tests/scenario/", "tests/unit/rig/benchmark/")
 """Folders whose tests run commands, lifts and whole trials, many of them in separate processes."""

@@ -1,4 +1,7 @@
-"""Commands that start processes import nothing from the current folder, whose files may be untrusted."""
+"""Commands that start processes import nothing from the current folder, whose files may be untrusted.
+
+Without --long, one command is run, and the source is searched for other ways to start a process.
+"""
 
 import json
 import shutil
@@ -78,9 +81,8 @@ def test_trial_in_several_processes_with_page_and_viewer(
     )  # fmt: skip
 
 
-@pytest.mark.parametrize(
-    "program", [RIG, pytest.param(MODULE, marks=pytest.mark.long)], ids=["script", "module"]
-)
+@pytest.mark.long
+@pytest.mark.parametrize("program", [RIG, MODULE], ids=["script", "module"])
 def test_doctor_over_the_wire_protocol(folder: Path, program: tuple[str, ...]) -> None:
     if program == MODULE:  # Python itself imports some modules from the current folder before it runs ours
         for name in SHADOWED:
@@ -111,12 +113,14 @@ def serve(folder: Path, ready: str, *words: object) -> None:
     assert ready in seen[-1], "".join(seen)
 
 
+@pytest.mark.long
 def test_fakes_that_are_served(folder: Path) -> None:
     serve(
         folder, "Ctrl-C", "fakes", "serve", "--host", free_address(), "--write", folder.parent / "bench.toml"
     )
 
 
+@pytest.mark.long
 def test_page_of_label_angle(
     folder: Path, press: Callable[..., NDArray[np.uint8]], blank: NDArray[np.uint8]
 ) -> None:

@@ -81,7 +81,7 @@ def test_two_fakes_are_fused() -> None:
     assert "SIMULATED rig live fake fake" in done.stderr
 
 
-@pytest.mark.parametrize("waits", ["taking the background", "SIM-DESK1"])
+@pytest.mark.parametrize("waits", ["SIM-DESK1", *long("taking the background")])
 def test_ctrl_c_ends_it_wherever_it_is(waits: str) -> None:
     command = [sys.executable, "-P", "-u", "-m", "rig", "live", "fake", "fake", "--terminal"]
     both = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
@@ -99,10 +99,8 @@ def test_ctrl_c_ends_it_wherever_it_is(waits: str) -> None:
 @pytest.mark.parametrize(
     ("moment", "times"),
     [
-        ("typer", 1),
         ("numpy", 2),
-        ("rig.live.desk", 1),
-        *long(("rig.cli.main", 1), ("multiprocessing.reduction", 1)),
+        *long(("typer", 1), ("rig.live.desk", 1), ("rig.cli.main", 1), ("multiprocessing.reduction", 1)),
     ],
 )
 def test_ctrl_c_while_it_starts_ends_it_without_a_traceback(moment: str, times: int) -> None:
@@ -153,7 +151,7 @@ def press(address: str, action: str) -> None:
         assert answer.status == 200
 
 
-@pytest.mark.parametrize("signals", [(signal.SIGKILL,), (signal.SIGINT, signal.SIGTERM)])
+@pytest.mark.parametrize("signals", [(signal.SIGKILL,), *long(((signal.SIGINT, signal.SIGTERM),))])
 def test_clip_of_a_live_view_that_is_killed_is_complete(
     tmp_path: Path, signals: tuple[signal.Signals, ...]
 ) -> None:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from support.benches import short_phases
 from support.command_line import rig
 
 LEVER = """id = "lever"
@@ -37,7 +38,8 @@ def session(lab: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A trial of one lift of it, in a place where its file is not."""
     folder = tmp_path_factory.mktemp("elsewhere") / "session"
     what = ("--object", "my lever", "--lifts", 1, "--bench", lab / "bench.toml", "--estimator", "pca")
-    done = rig("trial", *what, "--jobs", 1, "--no-report", "--out", folder, "--json")
+    with short_phases():
+        done = rig("trial", *what, "--jobs", 1, "--no-report", "--out", folder, "--json")
     assert done.returncode == 0, done.stderr
     return folder
 
@@ -75,7 +77,7 @@ def test_trial_lifts_own_object_and_stores_the_grasp_position(session: Path) -> 
 
 
 def test_session_is_replayed_and_reported_without_the_object_folder(session: Path) -> None:
-    replayed = json.loads(rig("replay", session, "--json").stdout)
+    replayed = json.loads(rig("replay", session, "--jobs", 1, "--json").stdout)
     assert replayed["identical"] == 1
     page = rig("report", session, "--json")
     assert page.returncode == 0, page.stderr
@@ -101,7 +103,7 @@ def test_session_resumes_without_the_object_folder_but_not_with_a_changed_object
 
 def test_recording_takes_every_pose_of_the_object_file(lab: Path, tmp_path: Path) -> None:
     folder = tmp_path / "recording"
-    what = ("record", "--object", "lever", "--images", 8, "--bench", lab / "bench.toml", "--out", folder)
+    what = ("record", "--object", "lever", "--images", 4, "--bench", lab / "bench.toml", "--out", folder)
     done = rig(*what, "--json")
     assert done.returncode == 0, done.stderr
     assert json.loads(done.stdout)["poses_accepted"] == 2

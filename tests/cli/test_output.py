@@ -19,9 +19,21 @@ Run = Callable[..., "subprocess.CompletedProcess[str]"]
 STORED = Path(__file__).parents[1] / "data"
 
 
-def process(arguments: Sequence[object], **streams: Any) -> "subprocess.CompletedProcess[str]":
+QUICK = """
+import pytest
+from support.quick_lifts import quick_lifts
+from rig.cli.main import main
+quick_lifts(pytest.MonkeyPatch())
+main()
+"""
+"""Program whose lifts take no time."""
+
+
+def process(
+    arguments: Sequence[object], program: Sequence[str] = ("-m", "rig"), **streams: Any
+) -> "subprocess.CompletedProcess[str]":
     """Run `rig ARGUMENTS` in a separate process with the system's streams."""
-    command = [sys.executable, "-m", "rig", *map(str, arguments)]
+    command = [sys.executable, *program, *map(str, arguments)]
     return subprocess.run(command, text=True, timeout=120, check=False, **streams)
 
 
@@ -71,7 +83,8 @@ def test_trial_with_a_closed_output_pipe_is_finished_and_kept(light_bench_file: 
     try:
         done = process(
             (*what, "--no-report", "--out", tmp_path / "s", "--jobs", "1"),
-            stdout=writing, stderr=writing, cwd=tmp_path,
+            ("-c", QUICK), stdout=writing, stderr=writing, cwd=tmp_path,
+            env={**os.environ, "PYTHONPATH": str(STORED.parent)},
         )  # fmt: skip
     finally:
         os.close(writing)

@@ -20,6 +20,7 @@ from rig.sessions.rows import read_lifts
 from rig.terminal.progress import OneMessage
 from support.benches import real_bench, real_bench_file
 from support.command_line import rig
+from support.quick_lifts import quick_lifts
 
 
 def copied(one_lift: Path, folder: Path, **changes: Any) -> Path:
@@ -85,15 +86,22 @@ def test_resume_with_other_options_or_another_bench_names_the_difference(
         assert said in done.stderr.splitlines()[-1]
 
 
-def test_documented_resume_uses_the_stored_bench(here: Path, one_lift: Path) -> None:
+def test_documented_resume_uses_the_stored_bench(
+    here: Path, one_lift: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    quick_lifts(monkeypatch)
     folder = copied(one_lift, here / "s")
     (folder / "lifts.jsonl").unlink()
-    done = rig("trial", "--resume", "--out", folder, "--no-report", "--json")
+    done = rig("trial", "--resume", "--out", folder, "--no-report", "--jobs", 1, "--json")
     assert done.returncode == 0, done.stderr
     assert json.loads(done.stdout)["lifts_accepted"] == 1
     assert f"bench 'fake' as stored in {folder}" in done.stderr
     (again,), (before,) = read_lifts(folder), read_lifts(one_lift)
-    assert again == before
+    assert (again.seed, again.position, again.grip_counts) == (
+        before.seed,
+        before.position,
+        before.grip_counts,
+    )
     assert read_manifest(folder).config == read_manifest(one_lift).config
 
 
@@ -185,6 +193,7 @@ def test_ctrl_c_in_the_first_lift_keeps_the_session_for_resume(
     assert done.returncode == 3, done.stderr
     assert "continue with: rig trial" in done.stderr
     (folder,) = (here / "sessions").iterdir()
+    quick_lifts(monkeypatch)
     again = rig(*common, "--resume", "--json")
     assert again.returncode == 0, again.stderr
     assert json.loads(again.stdout)["lifts_accepted"] == 1

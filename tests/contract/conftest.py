@@ -22,6 +22,8 @@ from rig.contract_checks import make_ready_to_move, reconnect
 from support.benches import lighter
 from support.slow_motion import CLOCK, SLOWNESS
 
+EVERY_SIZE, SOME_SIZES = "slip", ((13, 17), (241, 319))
+"""Estimator for frames of every size; sizes (height, width) for the others without --long."""
 KINDS = ("fake", pytest.param("wire", marks=pytest.mark.slow), "hardware")
 RUNNING = pytest.StashKey[ExitStack]()
 
@@ -51,10 +53,19 @@ def wire_station(request: pytest.FixtureRequest) -> Iterator[Station]:
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Run the tests of this folder in one worker: they share the station."""
+    """Run the tests of devices in one worker, which share the station; mark sizes of frames as long."""
     for item in items:
         if item.path.parent == Path(__file__).parent:
-            item.add_marker(pytest.mark.xdist_group("contract"))
+            if "estimator" not in item.path.name:
+                item.add_marker(pytest.mark.xdist_group("contract"))
+            asked = (
+                item.callspec.params
+                if isinstance(item, pytest.Function) and hasattr(item, "callspec")
+                else {}
+            )
+            size, estimator = asked.get("size"), asked.get("make_estimator")
+            if size is not None and estimator != EVERY_SIZE and size not in SOME_SIZES:
+                item.add_marker(pytest.mark.long)
 
 
 @pytest.hookimpl(trylast=True)

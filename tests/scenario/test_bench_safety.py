@@ -1,8 +1,8 @@
 """Programs that are stopped or killed at a bench over the wire protocol that counts as real.
 
-The true motions are read from the simulated world. `rig benchmark safety` does this at random moments. Without
---long, the parts are tested: signals in `tests/cli/test_stopping.py`, the safe end and the questions about the
-hand in `tests/unit/protocols`, the arm's stop in `ur5e`.
+The true motions are read from the simulated world. `rig benchmark safety` does this at random moments.
+Without --long, the parts are tested: signals in `tests/cli/test_stopping.py`, the safe end and the questions
+about the hand in `tests/unit/protocols`, the arm's stop in `ur5e`.
 """
 
 import os

@@ -36,7 +36,7 @@ from rig.sessions.rows import read_finished_lifts, read_poses
 from rig.sessions.table_files import read_csv
 from rig.tactile.angles import FUSED, MARKERS
 from rig.tactile.estimators import choose_estimator
-from support.benches import lighter
+from support.benches import lighter, short_phases
 from support.recordings import written_again
 
 
@@ -172,7 +172,8 @@ def quick_tips(tmp_path_factory: pytest.TempPathFactory) -> Path:
     bench = lighter(tip_hz=30.0)
     bench = bench.model_copy(update={"camera": bench.camera.model_copy(update={"rate_hz": 15.0})})
     folder = tmp_path_factory.mktemp("lerobot") / "trial"
-    run_trial(folder, TrialSettings(bench, 0, choose_estimator("slip")), ["t2"], lifts=1)
+    with short_phases():
+        run_trial(folder, TrialSettings(bench, 0, choose_estimator("pca")), ["t2"], lifts=1)
     return folder
 
 

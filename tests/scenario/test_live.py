@@ -77,6 +77,7 @@ def test_viewer_gets_images_markers_arm_and_whole_curves(
     assert rows["/camera"] <= row.frames["camera"]
 
 
+@pytest.mark.long
 def test_a_killed_viewer_changes_nothing(
     one_lift: Path, light_bench: BenchConfig, tmp_path: Path, file: Path, caplog: pytest.LogCaptureFixture
 ) -> None:

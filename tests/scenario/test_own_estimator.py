@@ -25,6 +25,7 @@ from rig.results.listing import list_session
 from rig.sessions.rows import read_finished_lifts
 from rig.tactile.estimators import choose_estimator
 from support.angle_clips import write_clip
+from support.benches import short_phases
 from support.command_line import rig
 from support.own_estimators import MODULE, forget, own_estimators
 
@@ -109,7 +110,8 @@ def test_failed_frames_are_reported_in_output_and_table(session: Path) -> None:
 
 def test_lift_with_failing_estimator_is_kept_and_reports_it(lab: Path, light_bench: BenchConfig) -> None:
     folder = lab.parent / "kept"
-    summary = run_trial(folder, TrialSettings(light_bench, 0, choose_estimator(FAILING)), ["t2"], lifts=1)
+    with short_phases():
+        summary = run_trial(folder, TrialSettings(light_bench, 0, choose_estimator(FAILING)), ["t2"], lifts=1)
     assert summary.lifts_accepted == 1
     (row,) = read_finished_lifts(folder)
     assert row.estimator_faults.frames == pytest.approx(0.1 * sum(row.states.values()), abs=2)

@@ -3,6 +3,7 @@
 import csv
 import io
 import json
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -29,7 +30,7 @@ from rig.sessions.manifest import TrialManifest, read_manifest
 from rig.sessions.records import Lift, LiftOutcome
 from rig.sessions.rows import read_finished_lifts
 from rig.tactile.estimators import choose_estimator
-from support.benches import lighter
+from support.benches import lighter, short_phases
 from support.command_line import rig
 from support.marks import long
 
@@ -43,6 +44,12 @@ def lifted(react: str, max_turn_deg: float | None = None) -> Lift:
     row = attempt_lift(settings(react, max_turn_deg), LiftTask(1, "t2", 1)).row
     assert row.accepted
     return row
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _short() -> Iterator[None]:
+    with short_phases():
+        yield
 
 
 @pytest.fixture(scope="module")

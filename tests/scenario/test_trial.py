@@ -66,6 +66,7 @@ def test_swapped_recordings_of_two_lifts_swap_their_estimates(two_lifts: Path, t
     assert [row.final_estimate_deg for row in replayed] == [second, first]
 
 
+@pytest.mark.long
 def test_faulty_lift_is_kept_and_repeated_until_accepted(tmp_path: Path) -> None:
     fault = {"device": "arm", "kind": "protective_stop", "at_s": 8.0, "lift": "t2/1"}
     summary = trial(tmp_path / "s", lifts=1, faults=[fault])

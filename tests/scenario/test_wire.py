@@ -28,6 +28,8 @@ def test_wire_lift_agrees_with_the_in_process_bench_and_loses_no_frame(
 ) -> None:
     slow_down(monkeypatch, "rig.benchmark.wire.campaign")
     monkeypatch.setattr("rig.benchmark.wire.lift.load_bench", lighter)  # of the seeds' lifts
+    for phase in ("GRASP_S", "HOLD_S"):
+        monkeypatch.setattr(f"protocols.slip_trial.{phase}", 0.5)
     report = measure_wire(tmp_path / "s", "t1", seeds=2, bench=unhurried_bench)
     assert judge_wire(report)[0].met, report.streams
     assert {stream.serial for stream in report.streams} == {"SIM-D0001", "SIM-D0002", "SIM-C0001"}
@@ -55,6 +57,7 @@ def test_faults_during_a_lift_are_detected_and_recovered_from(
     assert len(read_finished_lifts(tmp_path / "s")) == len(SOME)
 
 
+@pytest.mark.long
 def test_doctor_reads_everything_but_the_arm_without_ur_rtde() -> None:
     code = f"""{IN_SLOW_MOTION}if True:
         import sys

@@ -2,7 +2,11 @@
 
 import math
 import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+
+import pytest
 
 from fakes.world.kinematics import ENCODER_RAD
 from rig.config import BENCHES, BenchConfig, load_bench
@@ -43,6 +47,15 @@ def real_bench_file(folder: Path) -> Path:
     path = folder / "real_bench.toml"
     path.write_text(real_bench(), encoding="utf-8")
     return path
+
+
+@contextmanager
+def short_phases() -> Iterator[None]:
+    """Shorten the times at rest before and after lifts in this process, a quarter of a lift's frames."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("protocols.slip_trial.GRASP_S", 0.5)
+        patch.setattr("protocols.slip_trial.HOLD_S", 0.5)
+        yield
 
 
 def lighter(name: str = "fake", tip_hz: float | None = None) -> BenchConfig:

@@ -1,4 +1,4 @@
-"""Lifts without motions: the order of a trial's lifts, its questions, rows and files, without the computation."""
+"""Lifts without motions: a trial's order, questions, rows and files, without the computation of lifts."""
 
 from collections.abc import Collection
 from dataclasses import fields, replace
@@ -14,10 +14,8 @@ from rig.sessions.rows import read_finished_lifts
 STORED_TRIAL = Path(__file__).parents[1] / "data" / "stored_trial"
 
 
-def quick_lifts(
-    patch: pytest.MonkeyPatch, falling: Collection[str] = (), fault: str | None = None
-) -> None:
-    """Leave out the motions of each lift; it ends with the figures of the stored trial, or with a fault.
+def quick_lifts(patch: pytest.MonkeyPatch, falling: Collection[str] = (), fault: str | None = None) -> None:
+    """Leave out the motions of lifts, which end with the figures of the stored trial or with a fault.
 
     The bench is made ready and the object is placed as usual. falling: ids of the objects that fall.
     """

@@ -76,7 +76,7 @@ def test_program_that_ends_before_the_tool_is_known_is_restarted(
         ("stream_frozen", {}, "state is unknown"),
         *long(("stream_frozen", {"repeat": True}, "state is unknown")),
         ("socket_dropped", {}, "connection lost"),
-        ("silent", {}, "state is unknown"),
+        *long(("silent", {}, "state is unknown")),
         ("emergency_stop", {}, "emergency stop"),
     ],
 )

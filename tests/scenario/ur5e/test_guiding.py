@@ -87,7 +87,8 @@ def test_guided_arm_stays_where_it_was_led(controller: URController, arm: UR5e) 
     assert np.allclose(place(controller), HOME.position_m, atol=1e-3)
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, *long(signal.SIGHUP, signal.SIGTERM, signal.SIGQUIT)])
+@pytest.mark.long
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGHUP, signal.SIGTERM, signal.SIGQUIT])
 def test_signal_ends_guiding_with_the_arm_held_at_rest(
     controller: URController, number: signal.Signals
 ) -> None:
@@ -101,6 +102,7 @@ def test_signal_ends_guiding_with_the_arm_held_at_rest(
     assert "ArmMode.RUNNING" in said
 
 
+@pytest.mark.long
 def test_guiding_ends_with_an_error_after_its_program_was_suspended(controller: URController) -> None:
     with guided(controller, limit_s=60.0) as rig:
         until(lambda: place(controller)[0] > HOME.position_m[0] + 0.005)
@@ -113,6 +115,7 @@ def test_guiding_ends_with_an_error_after_its_program_was_suspended(controller: 
         assert stands(controller)
 
 
+@pytest.mark.long
 def test_guiding_ends_at_its_time_limit(controller: URController) -> None:
     with guided(controller, limit_s=2.0) as rig:
         said = rig.stdout.read()
@@ -122,7 +125,7 @@ def test_guiding_ends_at_its_time_limit(controller: URController) -> None:
         assert stands(controller)
 
 
-@pytest.mark.parametrize("how", ["hangs", "is killed"])
+@pytest.mark.parametrize("how", ["hangs", *long("is killed")])
 def test_guiding_ends_if_its_program_hangs_or_is_killed(controller: URController, how: str) -> None:
     with guided(controller, how) as rig:
         if how == "is killed":

@@ -29,7 +29,7 @@ pytest.importorskip("rtde_control", reason="ur-rtde is not installed here")
 Start = Callable[..., URController]
 
 
-@pytest.mark.parametrize("version", ["5.4.0", "5.25.0", *long("5.5.1", "5.11.0")])
+@pytest.mark.parametrize("version", ["5.4.0", *long("5.5.1", "5.11.0", "5.25.0")])
 def test_motion_works_on_all_supported_controller_versions(started: Start, version: str) -> None:
     arm = make_arm(started(version).host)
     arm.connect()
@@ -69,6 +69,7 @@ def test_program_on_the_controller_is_replaced_unless_it_moves_the_arm(controlle
     assert controller.snapshot()["program_running"]
 
 
+@pytest.mark.long
 def test_two_arms_in_one_program_are_independent(started: Start) -> None:
     # both start before either arm connects, because a start keeps this process busy
     arms = [make_arm(controller.host) for controller in (started(), started())]

@@ -13,6 +13,7 @@ from drivers.errors import DeviceError
 from drivers.types import ArmMode
 from drivers.ur5e.arm import UR5e
 from fakes.wire.ur.controller import URController
+from support.marks import long
 from support.slow_motion import SLOWNESS, pause
 from support.ur5e import agree, first_error, make_arm, running, stands
 from support.waiting import until
@@ -82,7 +83,7 @@ def _read(file: Path) -> bytes:
     return b""
 
 
-@pytest.mark.parametrize("crash", [signal.SIGSEGV, signal.SIGKILL])
+@pytest.mark.parametrize("crash", [signal.SIGSEGV, *long(signal.SIGKILL)])
 def test_crash_of_the_commanding_process_ends_the_motion_and_recovers(
     controller: URController, arm: UR5e, crash: signal.Signals
 ) -> None:
@@ -117,6 +118,7 @@ def test_killed_program_leaves_no_process_and_stops_the_arm(controller: URContro
     assert stands(controller)
 
 
+@pytest.mark.long
 def test_motion_stops_if_its_program_is_suspended(controller: URController) -> None:
     with running(MOVING, controller, "looks") as program:
         until(lambda: height_m(controller) < HOME.position_m[2] - 0.05)
@@ -139,6 +141,7 @@ def test_motion_stops_if_its_program_hangs(controller: URController) -> None:
         assert stands(controller)
 
 
+@pytest.mark.long
 @pytest.mark.skipif(not hasattr(os, "SCHED_IDLE"), reason="this system has no SCHED_IDLE")
 def test_motion_continues_for_a_moment_without_a_core(controller: URController) -> None:
     # After how long it stops is a test of the heartbeat: how long a program waits is the scheduler's choice.
@@ -157,6 +160,7 @@ def test_controller_stops_the_arm_if_it_gets_no_commands(controller: URControlle
     assert stands(controller)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("all_of_it", [False, True])
 def test_computer_that_stands_still_does_not_end_the_program_of_a_simulated_controller(
     controller: URController, arm: UR5e, all_of_it: bool

@@ -8,7 +8,7 @@ from rig.benchmark import reaction as study
 from rig.benchmark.harness import Report, Run
 from rig.benchmark.reaction import ReactedLift, Reaction, ReactionOptions, measure
 from rig.sessions.records import LiftOutcome
-from support.benches import lighter
+from support.benches import lighter, short_phases
 
 CAUGHT = ReactedLift("t1", 1, LiftOutcome.CAUGHT, -2.0, (Reaction(0.01, 0.004, 6),), False, True, False)
 
@@ -33,7 +33,7 @@ def test_caught_is_a_small_turn_at_the_height_that_friction_allows(
 
 @pytest.fixture(scope="module")
 def report() -> Report:
-    with pytest.MonkeyPatch.context() as patch:
+    with short_phases(), pytest.MonkeyPatch.context() as patch:
         patch.setattr(study, "load_bench", lighter)
         return measure(ReactionOptions(objects=["t2"], lifts=1, wire_lifts=0), Run(jobs=1))
 

@@ -61,7 +61,9 @@ def test_lift_is_reproducible_and_starts_at_rest() -> None:
 
 @pytest.fixture(scope="module")
 def drawn() -> renderer.DrawnLift:
-    return renderer.answer_lift([choose_estimator("slip")], BLADE)["slip"]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(renderer, "RATE_HZ", 20.0)
+        return renderer.answer_lift([choose_estimator("slip")], BLADE)["slip"]
 
 
 def test_lift_is_scored_as_in_a_trial(drawn: renderer.DrawnLift) -> None:

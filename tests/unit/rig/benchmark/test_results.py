@@ -16,7 +16,7 @@ from rig.benchmark.harness import Report, Run, check_readme, markers
 from rig.experiments.lift_plan import stored_trial
 from rig.experiments.replay import replay_lift
 from rig.sessions.rows import read_finished_lifts
-from support.benches import lighter
+from support.benches import lighter, short_phases
 
 DOCUMENT = Path(__file__).resolve().parents[4] / "docs" / "measurements.md"
 BEGIN, END = markers("estimators")
@@ -33,8 +33,8 @@ def result(tmp_path_factory: pytest.TempPathFactory) -> EstimatorsResult:
         PROGRESS.append(f"{done}/{total} {note}")
 
     run = Run(jobs=1, folder=tmp_path_factory.mktemp("benchmark"), progress=show)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(contenders, "FRAMES_PER_LIFT", 60)
+    with short_phases(), pytest.MonkeyPatch.context() as patch:
+        patch.setattr(contenders, "FRAMES_PER_LIFT", 30)
         patch.setattr(study, "load_bench", partial(lighter, tip_hz=12.0))
         patch.setattr(study, "TRIAL_OBJECTS", ("t2",))
         patch.setattr(study, "LIFTS", 1)

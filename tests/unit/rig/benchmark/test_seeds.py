@@ -9,6 +9,7 @@ from drivers.errors import InputError
 from rig.benchmark.harness import RESULTS, Run
 from rig.benchmark.seeds import SeedLift, SeedsOptions, judge_lifts, measure
 from rig.results.scores import score_series
+from support.benches import short_phases
 
 
 def lift(error_deg: float, sigma_deg: float) -> SeedLift:
@@ -22,7 +23,8 @@ def test_seeds_resume_and_keep_no_recordings(light_bench_file: Path, tmp_path: P
     one_lift = SeedsOptions(bench=str(light_bench_file), objects=["7"], lifts=1)
     done: list[str] = []
     run = Run(3, 1, tmp_path, progress=lambda *of: done.append(of[2]))
-    report = measure(one_lift, run)
+    with short_phases():
+        report = measure(one_lift, run)
     assert done == ["fake, seed 3, 7/1", "fake, seed 4, 7/1"]
     assert [path.name for path in tmp_path.iterdir()] == [RESULTS]
     assert [row[0] for row in report.tables[0].rows] == ["all", "3", "4"]

@@ -14,27 +14,33 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.errors import InputError
+from rig.benchmark import renderer
 from rig.benchmark import slip_fit as study
 from rig.benchmark.clips.labelled import ClipLabel, ClipVersion, LabelledClip
+from rig.benchmark.estimators.contenders import KnownLift
 from rig.benchmark.harness import Run
-from rig.benchmark.renderer import LIFT_NS, draw_course, drawn_lift
+from rig.benchmark.renderer import LIFT_NS
 from rig.frames.series import FrameSeries
 from rig.tactile.slip.parameters import GROUPS, shipped, use
 
 LIFT = 900
-FIRST_FRAMES = 100
+RATE_HZ, REFERENCE, FIRST_FRAMES = 20.0, 19, 34
 
 
-lift_of = cache(drawn_lift)
+@cache
+def lift_of(number: int) -> KnownLift:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(renderer, "RATE_HZ", RATE_HZ)
+        return renderer.drawn_lift(number)
 
 
 def clip(name: str) -> LabelledClip:
     """Frames of a rendered lift as a labelled clip."""
     tip = lift_of(LIFT).tips["0"]
     series = FrameSeries(name, lambda: islice(tip.frames, FIRST_FRAMES))
-    turn_deg, last = draw_course(LIFT).turn_deg, FIRST_FRAMES - 1
-    label = ClipLabel(last, float(turn_deg[last] - turn_deg[59]), 1.0)
-    return LabelledClip(name, "all", series, tip.background, 59, (label,))
+    truth_deg, last = lift_of(LIFT).truth.angle_deg, FIRST_FRAMES - 1
+    label = ClipLabel(last, float(truth_deg[last] - truth_deg[REFERENCE]), 1.0)
+    return LabelledClip(name, "all", series, tip.background, REFERENCE, (label,))
 
 
 @given(st.floats(-60.0, 60.0), st.floats(0.01, 40.0), st.floats(-60.0, 60.0), st.floats(0.0, 5.0))

@@ -16,7 +16,7 @@ from rig.benchmark.segmentation import NETWORKS, parse_models
 from rig.benchmark.trials import TITLES, TrialsOptions, measure, thinned
 from rig.tactile.contact.finder import NO_CONTACT
 from rig.tactile.paper.axis import METHODS
-from support.benches import lighter
+from support.benches import lighter, short_phases
 
 NETWORKS_AND_PEERS = (*NETWORKS, "toskov")
 IMAGE = np.zeros((40, 30, 3), np.uint8)
@@ -51,14 +51,14 @@ def test_models_are_given_as_name_and_file(tmp_path: Path) -> None:
 def report(tmp_path_factory: pytest.TempPathFactory) -> Report:
     """One lift with few frames."""
     folder = tmp_path_factory.mktemp("trials")
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(study, "load_bench", partial(lighter, tip_hz=15.0))
+    with short_phases(), pytest.MonkeyPatch.context() as patch:
+        patch.setattr(study, "load_bench", partial(lighter, tip_hz=10.0))
         return measure(TrialsOptions(lifts=1, objects=["t3"]), Run(jobs=1, folder=folder))
 
 
 def test_every_system_is_scored_on_the_same_frames(report: Report) -> None:
     assert report.figures["not_trained"] == ("deeplabv3plus", "unetplusplus")
-    assert 20 <= report.figures["frames"] <= 50
+    assert 15 <= report.figures["frames"] <= 40
     expected = {"slip", "kolamuri", "anglenet", "toskov", "still", *METHODS}
     expected |= {f"{title} and {m}" for title in ("PSPNet", "ours") for m in METHODS}
     scores = {(score["system"], score["window"]): score for score in report.figures["systems"]}

@@ -19,6 +19,7 @@ from rig.tactile.contact.gate import Region
 from rig.tactile.sample import SlipSample, State
 from rig.tactile.slip.estimator import SlipEstimator
 from rig.tactile.slip.tearing import Tearing
+from support.marks import long
 
 Image = NDArray[np.uint8]
 Draw = Callable[..., Image]
@@ -212,7 +213,7 @@ def _stretched(image: Image, size: tuple[int, int]) -> Image:
 
 
 @pytest.mark.parametrize(
-    ("size", "most_deg"), [((60, 80), 1.2), ((120, 160), 0.8), ((480, 640), 0.8), ((640, 480), 0.8)]
+    ("size", "most_deg"), [((60, 80), 1.2), ((480, 640), 0.8), *long(((120, 160), 0.8), ((640, 480), 0.8))]
 )
 def test_any_image_size_is_accepted(press: Draw, size: tuple[int, int], most_deg: float) -> None:
     """The smallest image has no fine copy, and its contact is drawn with a quarter of the strength."""
@@ -280,7 +281,7 @@ def test_balls_on_a_real_gel_are_refused(real_data: Path) -> None:
     background = read_image(folder / "background.png")
     balls = sorted(folder.glob("*mm_*.png"))
     assert len(balls) > 60
-    for ball in balls[::3]:
+    for ball in balls[::8]:
         states = {sample.state for sample in held(background, read_image(ball))[1:]}
         assert states == {State.UNOBSERVABLE}, ball.name
 
@@ -299,7 +300,7 @@ def test_every_ball_pressed_into_a_real_digit_is_refused() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("panel", range(1, 10))
+@pytest.mark.parametrize("panel", [1, 5, 9, *long(2, 3, 4, 6, 7, 8)])
 def test_real_contact_at_rest_has_a_constant_angle(real_data: Path, panel: int) -> None:
     panels = [read_image(real_data / "aurova_figures" / "panels" / f"{i}_raw.png") for i in range(1, 10)]
     smallest = tuple(min(p.shape[axis] for p in panels) for axis in (0, 1))

@@ -15,6 +15,7 @@ from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, is_hypothesis_test, settings
+from markupsafe import Markup
 
 from rig.config import BenchConfig
 from rig.config.write import write_bench
@@ -159,6 +160,17 @@ def light_bench_file(tmp_path_factory: pytest.TempPathFactory, light_bench: Benc
     file = tmp_path_factory.mktemp("bench") / "light.toml"
     write_bench(file, light_bench)
     return file
+
+
+@pytest.fixture
+def quick_pages(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Write pages with empty figures and without films, which take most of a page's time."""
+
+    def empty(figure: object, alt: str) -> Markup:
+        return Markup('<svg role="img" aria-label="{}"></svg>').format(alt)
+
+    monkeypatch.setattr("rig.report.parts.svg", empty)
+    monkeypatch.setattr("rig.report.explored.lift_film", lambda *_: None)
 
 
 @pytest.fixture(scope="session")

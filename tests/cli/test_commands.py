@@ -14,6 +14,7 @@ from rig.tactile.estimators import EstimatorChoice
 from support.benches import real_bench_file
 from support.command_line import rig
 
+pytestmark = pytest.mark.usefixtures("quick_pages")
 HEAVY = {
     "cv2", "numpy", "scipy", "onnxruntime", "skimage", "rtde_control", "pymodbus", "mcap", "pyarrow", "rerun",
     "distributed",

@@ -9,6 +9,7 @@ import pytest
 from support.benches import short_phases
 from support.command_line import rig
 
+pytestmark = pytest.mark.usefixtures("quick_pages")
 LEVER = """id = "lever"
 name = "my lever"
 orientations_deg = [0.0, 20.0]

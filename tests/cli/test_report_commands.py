@@ -32,6 +32,7 @@ def said(done: "subprocess.CompletedProcess[str]", code: int, *words: str) -> No
         assert word in done.stderr.splitlines()[-1]
 
 
+@pytest.mark.usefixtures("quick_pages")
 def test_trial_without_report_gets_one_by_rig_report(trial: Path) -> None:
     assert not (trial / "report.html").exists()
     done = rig("report", str(trial))
@@ -61,6 +62,7 @@ def test_report_picture_without_a_browser_is_rejected_before_the_page(
     assert not page.exists()
 
 
+@pytest.mark.usefixtures("quick_pages")
 def test_unwritable_report_does_not_fail_the_trial(trial: Path, light_bench_file: Path) -> None:
     same = ("--lifts", 1, "--object", "t2", "--bench", light_bench_file, "--out", trial, "--resume")
     (trial / "report.html").unlink(missing_ok=True)
@@ -87,6 +89,7 @@ def test_unreadable_session_gets_a_page_and_a_note(tmp_path: Path) -> None:
     assert done.stderr.startswith("note: ")
 
 
+@pytest.mark.usefixtures("quick_pages")
 def test_two_estimators_are_compared_on_one_session(
     trial: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

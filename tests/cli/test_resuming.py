@@ -22,6 +22,8 @@ from support.benches import real_bench, real_bench_file
 from support.command_line import rig
 from support.quick_lifts import quick_lifts
 
+pytestmark = pytest.mark.usefixtures("quick_pages")
+
 
 def copied(one_lift: Path, folder: Path, **changes: Any) -> Path:
     """A copy of the session, its manifest changed: as if it had been stopped before its end."""

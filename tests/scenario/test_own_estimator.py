@@ -29,6 +29,7 @@ from support.benches import short_phases
 from support.command_line import rig
 from support.own_estimators import MODULE, forget, own_estimators
 
+pytestmark = pytest.mark.usefixtures("quick_pages")
 MINE, FAILING = f"{MODULE}:Mine", f"{MODULE}:Now_and_then"
 Draw = Callable[..., NDArray[np.uint8]]
 

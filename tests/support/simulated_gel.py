@@ -1,6 +1,7 @@
 """A simulated sensor unit into whose gel balls are pressed."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,12 +27,16 @@ class MadePress:
 
 
 class SimulatedGel:
-    """reference: (H, W, 3) float32, the mean of thirty frames at rest."""
+    """A simulated sensor: frames without contact, and presses of balls."""
 
     def __init__(self, seed: int = 0) -> None:
         self.seed, self._sensor = seed, GelSensor(seed)
-        rng = np.random.default_rng((seed, 1))
-        self.reference = np.mean([self.frame(rng) for _ in range(30)], axis=0).astype(np.float32)
+
+    @cached_property
+    def reference(self) -> NDArray[np.float32]:
+        """Mean of frames at rest, (H, W, 3)."""
+        rng = np.random.default_rng((self.seed, 1))
+        return np.mean([self.frame(rng) for _ in range(30)], axis=0).astype(np.float32)
 
     def frame(self, rng: np.random.Generator) -> Image:
         """A frame without contact."""

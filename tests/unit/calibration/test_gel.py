@@ -22,7 +22,7 @@ GEL = SimulatedGel(seed=3)
 @pytest.fixture(scope="module")
 def fitted() -> BallFit:
     presses = [_found(p) for p in GEL.presses(16)]
-    return calibrate_gel(presses, MM_PER_PX)
+    return calibrate_gel(presses, MM_PER_PX, folds=4)
 
 
 def _found(made: MadePress) -> Press:
@@ -67,7 +67,7 @@ def test_map_is_exact_if_colour_is_linear_in_slope() -> None:
 
 @pytest.mark.slow
 def test_ball_of_impossible_radius_is_rejected() -> None:
-    made = GEL.presses(10, seed=4)
+    made = GEL.presses(8, seed=4)
     presses = [_found(p) for p in made]
     radii = (0.5, float("nan"), float("inf"), 1e308, -1.0, 0.0, 60.0)
     wrong = [replace(presses[0], radius_mm=radius_mm) for radius_mm in radii]

@@ -34,7 +34,10 @@ from support.units import IN_MM, units
 Random = np.random.Generator
 Scene = tuple[Truth, list[HandEyeSample]]
 every_setup = pytest.mark.parametrize("setup", list(Setup))
-every_order = pytest.mark.parametrize("order", ORDERS.values(), ids=ORDERS)
+FEW = ("rows at random", "first row forty times")
+every_order = pytest.mark.parametrize(
+    "order", [*(ORDERS[name] for name in FEW), *long(*(of for name, of in ORDERS.items() if name not in FEW))]
+)
 
 
 def solved(
@@ -124,7 +127,7 @@ def pairs(seed: int, setup: Setup = Setup.EYE_TO_HAND) -> tuple[HandEyeResult, T
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "seeds"),
-    [(views, 6), (pairs, 4), (partial(pairs, setup=Setup.EYE_IN_HAND), 4),
+    [(views, 3), (pairs, 2), (partial(pairs, setup=Setup.EYE_IN_HAND), 2),
      *long((views, 24), (pairs, 10), (partial(pairs, setup=Setup.EYE_IN_HAND), 10))],
     ids=["views", "pairs", "pairs, in hand", "many views", "many pairs", "many pairs, in hand"],
 )  # fmt: skip
@@ -373,7 +376,7 @@ def repeated(pairs: list[PoseSample], order: Callable[[int], list[int]], jitter:
     ]
 
 
-@pytest.mark.parametrize("jitter", [0.0, 1.0], ids=["exact", "with the robot's noise"])
+@pytest.mark.parametrize("jitter", [1.0, *long(0.0)], ids=["with the robot's noise", "exact"])
 @every_order
 def test_repeated_pose_pairs_do_not_lower_sigma(order: Callable[[int], list[int]], jitter: float) -> None:
     _, samples = pose_pairs(0, 16, noise=0.25)

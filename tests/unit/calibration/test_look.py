@@ -2,6 +2,7 @@
 
 import os
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import cv2
@@ -13,6 +14,7 @@ from calibration.gel.look import load_look, visibility
 from calibration.gel.look_fit import LookFit, Pressed, ball_dent, fit_look, jpeg_quality
 from calibration.gel.noise import measure_noise
 from drivers.errors import CalibrationError
+from drivers.types import Image
 from fakes.gel.sensor import GelSensor
 from rig.calibrate.press_folder import read_circled
 from rig.tactile.contact.relative import RelativeDifference
@@ -21,7 +23,11 @@ from rig.tactile.slip.estimator import SlipEstimator
 from support.simulated_gel import MM_PER_PX, SimulatedGel, draw_press
 
 GEL = SimulatedGel(seed=3)
-BACKGROUND = np.rint(GEL.reference).astype(np.uint8)
+
+
+@cache
+def background() -> Image:
+    return np.rint(GEL.reference).astype(np.uint8)
 
 
 def _pressed(count: int) -> list[Pressed]:
@@ -31,12 +37,12 @@ def _pressed(count: int) -> list[Pressed]:
 
 @pytest.fixture(scope="module")
 def fit() -> LookFit:
-    return fit_look(_pressed(16), BACKGROUND, MM_PER_PX)
+    return fit_look(_pressed(12), background(), MM_PER_PX)
 
 
 @pytest.mark.slow
 def test_held_out_presses_are_rendered_from_their_circles(fit: LookFit) -> None:
-    assert len(fit.held_out) == 16
+    assert len(fit.held_out) == 12
     assert fit.error_share < 0.6
     assert all(press.rms_grey < press.change_grey for press in fit.held_out)
 
@@ -92,7 +98,7 @@ def test_visibility_falls_where_two_colours_oppose_each_other(fit: LookFit) -> N
 
 def test_too_few_presses_are_refused() -> None:
     with pytest.raises(CalibrationError, match="3 usable pictures, 8 are needed"):
-        fit_look(_pressed(3), BACKGROUND, MM_PER_PX)
+        fit_look(_pressed(3), background(), MM_PER_PX)
 
 
 def test_damaged_look_names_the_file(tmp_path: Path) -> None:
@@ -112,12 +118,12 @@ def test_noise_is_measured_in_untouched_frames_if_there_are_enough() -> None:
         np.clip(np.rint(GEL.reference + rng.normal(0.0, 6.0, GEL.reference.shape)), 0, 255) for _ in range(9)
     ]
     untouched = [frame.astype(np.uint8) for frame in noisy]
-    fitted = fit_look(_pressed(8), BACKGROUND, MM_PER_PX, untouched)
+    fitted = fit_look(_pressed(8), background(), MM_PER_PX, untouched)
     assert fitted.look.noise.sigma_grey == pytest.approx([6.0, 6.0, 6.0], rel=0.15)
 
 
 def test_jpeg_quality_is_found_if_a_picture_was_compressed() -> None:
-    _, data = cv2.imencode(".jpg", BACKGROUND[..., ::-1], (cv2.IMWRITE_JPEG_QUALITY, 75))
+    _, data = cv2.imencode(".jpg", background()[..., ::-1], (cv2.IMWRITE_JPEG_QUALITY, 75))
     assert jpeg_quality(cv2.imdecode(data, cv2.IMREAD_COLOR_RGB)) == pytest.approx(75, abs=1)
     assert jpeg_quality(GEL.frame(np.random.default_rng(0))) is None
 

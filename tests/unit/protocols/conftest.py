@@ -128,6 +128,7 @@ def lift_of(monkeypatch: pytest.MonkeyPatch) -> Callable[..., LiftOf]:
             lifts[0].see()
 
     monkeypatch.setattr(SimulatedClock, "sleep_until", sleep_until)
+    monkeypatch.setattr("protocols.slip_trial.GRASP_S", 0.5)  # the fingers rest until then
 
     def make(object_id: str = "t1", step_m: float | None = None) -> LiftOf:
         config = lighter()

@@ -3,10 +3,13 @@
 import pytest
 
 from rig.benchmark.calibration import study
+from support.marks import long
 
 
 @pytest.mark.parametrize(
-    "scene", [study.AngleScene(24.0), study.AngleScene(jpeg=80), study.AngleScene(hidden=0.06)], ids=str
+    "scene",
+    [study.AngleScene(hidden=0.06), *long(study.AngleScene(24.0), study.AngleScene(jpeg=80))],
+    ids=str,
 )
 def test_angle_of_a_scene_is_answered_and_accurate(scene: study.AngleScene) -> None:
     assert scene in study.SCENES

@@ -13,6 +13,7 @@ from drivers.errors import InputError
 from rig.report.curves_page import read_table, read_tables
 from rig.report.write import write_report
 
+pytestmark = pytest.mark.usefixtures("quick_pages")
 HEAD = "t_s,estimate_deg,truth_deg"
 TIMES_S = np.arange(120) / 30
 TRUTH_DEG = 150.0 + np.clip(40.0 * (TIMES_S - 1.0), 0.0, 70.0)

@@ -190,6 +190,7 @@ def test_points_of_final_angles_name_their_lifts_with_values(page: Page) -> None
     assert page.links.count("#lift-2") == 2  # from its row, and from its frames among the worst lifts
 
 
+@pytest.mark.usefixtures("quick_pages")
 def test_a_real_bench_is_named_and_not_called_simulated(drawn_trial: Any, tmp_path: Path) -> None:
     folder = drawn_trial(tmp_path / "s", (12.0,), simulated=False, bench="lab 2")
     found = page_of(folder)
@@ -198,6 +199,7 @@ def test_a_real_bench_is_named_and_not_called_simulated(drawn_trial: Any, tmp_pa
     assert "No calibration of camera and hand-eye is in use" in found.text
 
 
+@pytest.mark.usefixtures("quick_pages")
 def test_a_corrupt_and_a_missing_recording_are_named_and_the_rest_is_shown(
     drawn_trial: Any, tmp_path: Path
 ) -> None:
@@ -214,12 +216,13 @@ def test_a_corrupt_and_a_missing_recording_are_named_and_the_rest_is_shown(
     assert not any("wrench, lift 1" in name for name in found.figures)
 
 
+@pytest.mark.usefixtures("quick_pages")
 def test_report_is_written_with_a_recording_damaged_anywhere(drawn_trial: Any, tmp_path: Path) -> None:
     folder = drawn_trial(tmp_path / "s", (12.0,))
     recording = folder / "lifts" / "001.mcap"
     whole = recording.read_bytes()
     rng = np.random.default_rng(1)
-    for _ in range(6):
+    for _ in range(3):
         damaged = bytearray(whole)
         for place in rng.integers(0, len(whole), 400):
             damaged[place] ^= 0xFF
@@ -229,6 +232,7 @@ def test_report_is_written_with_a_recording_damaged_anywhere(drawn_trial: Any, t
         assert "cannot be read" in found.text
 
 
+@pytest.mark.usefixtures("quick_pages")
 def test_a_damaged_line_is_named_and_left_out(drawn_trial: Any, tmp_path: Path) -> None:
     folder = drawn_trial(tmp_path / "s")
     lines = (folder / "lifts.jsonl").read_text().splitlines()
@@ -257,6 +261,7 @@ def test_unreadable_session_gets_a_page_with_the_reason(
     assert "lifts/001.mcap" in found.text
 
 
+@pytest.mark.usefixtures("quick_pages")
 def test_unfinished_session_and_lift_without_angles_are_shown_as_such(
     drawn_trial: Any, tmp_path: Path
 ) -> None:
@@ -286,6 +291,7 @@ def test_invalid_report_source_is_rejected(tmp_path: Path, trial: Path) -> None:
             write_report(sources, out)
 
 
+@pytest.mark.usefixtures("quick_pages")
 def test_a_recording_shows_its_poses_and_what_its_pose_file_does_not_reach(
     drawn_recording: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -319,6 +325,7 @@ def test_a_contact_sheet_names_sensor_and_grip_in_the_picture(drawn_recording: A
     assert (montage(renamed)[:LABEL_PX] != sheet[:LABEL_PX]).any()
 
 
+@pytest.mark.usefixtures("quick_pages")
 def test_images_that_cannot_be_read_are_named(drawn_recording: Any, tmp_path: Path) -> None:
     folder = drawn_recording(tmp_path / "s")
     image = next(folder.rglob("p01_01*.png"))

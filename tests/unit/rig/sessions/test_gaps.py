@@ -105,6 +105,7 @@ def test_table_of_many_sessions_has_the_figures_and_the_gap(trial: Path, damaged
     assert partly["final_estimate_deg"] is not None
 
 
+@pytest.mark.usefixtures("quick_pages")
 def test_report_shows_the_rest_of_a_lift_and_names_the_gap(trial: Path, tmp_path: Path) -> None:
     recording = trial / "lifts" / "002.mcap"
     damaged_chunk = chunk_with(recording, "/angle/estimate")

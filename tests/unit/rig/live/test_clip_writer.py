@@ -21,6 +21,7 @@ from rig.live.desk import Desk, DeskSettings
 from rig.live.feed import Sender
 from rig.tactile.estimators import choose_estimator
 from support.desk_frames import GivenFrames, desk_frames
+from support.marks import long
 
 GREY: Image = np.full((8, 6, 3), 128, np.uint8)
 JPEG = encode_jpeg(GREY, 80)
@@ -95,6 +96,7 @@ import sys
 from pathlib import Path
 sys.path.insert(0, {tests!r})
 from unit.rig.live.test_clip_writer import ClipWriter, GREY, frame
+from support.marks import long
 clip = ClipWriter(Path(sys.argv[1]), GREY, {{}})
 for number in range(1_000_000):
     clip.add(frame(number))
@@ -102,7 +104,7 @@ for number in range(1_000_000):
 """
 
 
-@pytest.mark.parametrize("frames", [1, 30, 400])
+@pytest.mark.parametrize("frames", [30, *long(1, 400)])
 def test_killed_recording_keeps_every_frame_with_its_time(tmp_path: Path, frames: int) -> None:
     code = RECORD.format(tests=str(Path(__file__).parents[3]))
     with subprocess.Popen(

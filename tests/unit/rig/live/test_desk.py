@@ -20,6 +20,7 @@ from rig.live.feed import OBJECT, Inbox, Listener, Sender
 from rig.live.sensor_background import BACKGROUND_FRAMES, store_background, stored_background
 from rig.tactile.estimators import choose_estimator
 from support.desk_frames import GivenFrames, desk_digit, desk_frames
+from support.marks import long
 
 CLOCK = SystemClock()
 SLIP, ELLIPSE = choose_estimator("slip"), choose_estimator("ellipse")
@@ -36,7 +37,7 @@ def readings(sensor: DeskSensor, until_s: float, side: int = 1) -> list[Reading]
     return [sensor.take(frame, CLOCK) for frame in desk_frames(until_s, side)]
 
 
-@pytest.mark.parametrize("side", [1, -1])
+@pytest.mark.parametrize("side", [-1, *long(1)])
 def test_angle_follows_the_object_from_the_moment_the_contact_has_settled(side: int) -> None:
     shown = readings(DeskSensor("D", SLIP, side, None, None), 8.0, side)
     assert [r.state for r in shown[:BACKGROUND_FRAMES]] == ["taking the background"] * BACKGROUND_FRAMES
@@ -64,7 +65,7 @@ def test_angle_follows_the_object_from_the_moment_the_contact_has_settled(side: 
     assert set(values) >= {"t_s", "angle_deg", "sigma_deg", "state", "rate_deg_s", "latency_ms"}
 
 
-@pytest.mark.parametrize("with_jpeg", [True, False])
+@pytest.mark.parametrize("with_jpeg", [True, *long(False)])
 def test_clip_has_the_frames_unchanged_and_gives_the_angles_of_the_live_view(
     tmp_path: Path, with_jpeg: bool
 ) -> None:

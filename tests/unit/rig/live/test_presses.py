@@ -50,8 +50,8 @@ def figures_of_press(readings: Sequence[Reading], press: int) -> tuple[float, fl
 @pytest.mark.parametrize(
     ("seed", "rate_hz", "presses", "until_s"),
     [
-        (0, 60.0, 2, 7.0),
         (5, 30.0, 2, 7.0),
+        *long((0, 60.0, 2, 7.0)),
         *long(*((seed, rate_hz, 4, OFF_S + 0.2) for seed in (0, 1, 5) for rate_hz in (30.0, 60.0))),
     ],
 )
@@ -85,9 +85,7 @@ def alarms(presses: int, seed: int, turn_deg_s: float) -> tuple[dict[int, int], 
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("seed", "presses"), [(0, len(OBJECTS)), *long(*((seed, 25) for seed in range(1, 9)))]
-)
+@pytest.mark.parametrize(("seed", "presses"), long((0, len(OBJECTS)), *((seed, 25) for seed in range(1, 9))))
 def test_objects_pressed_at_rest_raise_no_alarm(seed: int, presses: int) -> None:
     """200 presses with --long."""
     at_rest, _ = alarms(presses, seed, 0.0)

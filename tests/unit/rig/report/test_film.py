@@ -31,7 +31,7 @@ def film(session: Path, out: Path) -> Film:
     return write_film([first_lift(session)], out, fps=10.0)
 
 
-@pytest.mark.parametrize("ending", [".webm", ".mp4", *long(".avi")])
+@pytest.mark.parametrize("ending", [".webm", *long(".mp4", ".avi")])
 def test_film_has_the_length_of_the_lift_and_its_curve_grows(
     trial: Path, tmp_path: Path, ending: str
 ) -> None:
@@ -56,12 +56,12 @@ def test_film_has_the_length_of_the_lift_and_its_curve_grows(
 
 def test_animated_image_has_the_requested_length_and_width(trial: Path, tmp_path: Path) -> None:
     out = tmp_path / "lift.webp"
-    made = write_film([first_lift(trial)], out, fps=5.0, width_px=640)
+    made = write_film([first_lift(trial)], out, fps=5.0, width_px=320)
     read, animation = cv2.imreadanimation(str(out))
     assert read
     assert len(animation.frames) == made.frames == pytest.approx(18, abs=2)
     assert animation.frames[0].shape[:2] == made.size_px[::-1]
-    assert made.size_px[0] == 640
+    assert made.size_px[0] == 320
     assert np.abs(animation.frames[5].astype(int) - animation.frames[-1]).mean() > 1.0
     with pytest.raises(InputError, match=r"ends in \.webm"):
         write_film([first_lift(trial)], out, fps=500.0)
@@ -110,8 +110,8 @@ def test_missing_camera_leaves_an_empty_panel_and_two_lifts_are_stacked(
     folder = drawn_trial(tmp_path / "s", (12.0,), serials=("T1", "T2", "ANOTHER"))
     assert film(folder, tmp_path / "lift.avi").frames > 10
     filmed = first_lift(trial)
-    one = write_film([filmed], tmp_path / "one.webm", fps=5.0)
-    both = write_film([filmed, filmed], tmp_path / "both.webm", fps=5.0)
+    one = write_film([filmed], tmp_path / "one.webm", fps=2.0)
+    both = write_film([filmed, filmed], tmp_path / "both.webm", fps=2.0)
     assert both.frames == one.frames
     assert both.size_px[0] == one.size_px[0]
     assert both.size_px[1] == pytest.approx(2 * one.size_px[1] - 2 * LEGEND_PX, abs=2)

@@ -133,6 +133,7 @@ def films_of(html: str) -> list[dict[str, Any]]:
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("quick_figures")
 def test_films_have_fewer_pictures_if_the_page_has_no_room_and_the_page_says_so(
     trial: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -278,7 +279,7 @@ def test_unfinished_session_and_lift_without_angles_are_shown_as_such(
     assert "most often 'unobservable'" in found.text
 
 
-@pytest.mark.slow
+@pytest.mark.usefixtures("quick_pages")
 def test_invalid_report_source_is_rejected(tmp_path: Path, trial: Path) -> None:
     for sources, out, said in (
         ([tmp_path / "nowhere"], None, "no such session"),

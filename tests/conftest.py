@@ -24,7 +24,7 @@ from rig.experiments.trial import run_trial
 from rig.tactile.estimators import choose_estimator
 from rig.tactile.slip.compiling import compile_all
 from rig.terminal import screen
-from support.benches import lighter
+from support.benches import lighter, short_phases
 from support.fuzz import PROFILE
 from support.shared import made_once
 
@@ -182,11 +182,13 @@ def quick_pages(quick_figures: None, monkeypatch: pytest.MonkeyPatch) -> None:
 def one_lift(tmp_path_factory: pytest.TempPathFactory, light_bench: BenchConfig) -> Path:
     """A trial of one lift of the toothbrush on `light_bench`, estimated by slip. To be read only."""
     settings = TrialSettings(light_bench, 0, choose_estimator("slip"))
-    return made_once(tmp_path_factory, "one_lift", lambda to: run_trial(to, settings, ["t2"], lifts=1))
+    with short_phases():
+        return made_once(tmp_path_factory, "one_lift", lambda to: run_trial(to, settings, ["t2"], lifts=1))
 
 
 @pytest.fixture(scope="session")
 def two_lifts(tmp_path_factory: pytest.TempPathFactory, light_bench: BenchConfig) -> Path:
     """A trial of two lifts of the toothbrush on `light_bench`, estimated by pca. To be read only."""
     settings = TrialSettings(light_bench, 0, choose_estimator("pca"))
-    return made_once(tmp_path_factory, "two_lifts", lambda to: run_trial(to, settings, ["t2"], lifts=2))
+    with short_phases():
+        return made_once(tmp_path_factory, "two_lifts", lambda to: run_trial(to, settings, ["t2"], lifts=2))

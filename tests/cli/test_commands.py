@@ -77,14 +77,6 @@ def test_missed_limit_exits_with_4_and_keeps_the_session(same_trial: tuple[objec
     assert rig(*same_trial, "--no-report", "--max-mare", "60").returncode == 0
 
 
-def process(*arguments: str) -> "subprocess.CompletedProcess[str]":
-    """Run the command line in a separate process, as a user does."""
-    command = [sys.executable, "-m", "rig", *arguments]
-    return subprocess.run(
-        command, capture_output=True, text=True, stdin=subprocess.DEVNULL, timeout=100, check=False
-    )
-
-
 def one_line(done: "subprocess.CompletedProcess[str]", code: int, *words: str) -> None:
     """Check that the last line explains the error and that there is no traceback."""
     assert done.returncode == code, done.stderr
@@ -147,7 +139,7 @@ def test_json_option_prints_an_error_as_one_object(arguments: tuple[str, ...], k
 
 def test_unknown_names_are_rejected_with_the_known_ones(tmp_path: Path) -> None:
     out = tmp_path / "s"
-    one_line(process("trial", "--object", "wrnch", "--out", str(out)), 2, "wrench", "t1")
+    one_line(rig("trial", "--object", "wrnch", "--out", out), 2, "wrench", "t1")
     for command, words in (
         (("record", "--object", "99"), ("spam",)),
         (("trial", "--estimator", "magic"), ("skeleton",)),

@@ -135,7 +135,7 @@ def test_film_on_a_full_disk_is_an_error_and_keeps_the_older_film(
     )
     # -B: what Python compiles would be cut off by the limit as well, and found so by the next program
     trial = shutil.copytree(STORED / "stored_trial", tmp_path / "trial")
-    arguments = ["play", str(trial), "--lift", "1", "--fps", "5", "--out", str(film)]
+    arguments = ["play", str(trial), "--lift", "1", "--fps", "5", "--speed", "4", "--out", str(film)]
     done = subprocess.run(
         [sys.executable, "-B", "-c", code, *arguments],
         capture_output=True, text=True, errors="replace", timeout=120, check=False,

@@ -11,6 +11,7 @@ import pytest
 from rig.live.feed import Inbox, Listener
 from rig.live.state import Progress, WatchState
 from rig.terminal.onlookers import Event
+from support.benches import short_phases
 from support.command_line import rig
 from support.marks import long
 
@@ -57,10 +58,11 @@ def page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Page]:
 def test_watching_does_not_change_the_results(
     page: Page, one_lift: Path, light_bench_file: Path, tmp_path: Path
 ) -> None:
-    done = rig(
-        "trial", "--lifts", 1, "--object", "toothbrush", "--bench", light_bench_file, "--jobs", 1,
-        "--no-report", "--out", tmp_path / "s", "--json", "--watch",
-    )  # fmt: skip
+    with short_phases():
+        done = rig(
+            "trial", "--lifts", 1, "--object", "toothbrush", "--bench", light_bench_file, "--jobs", 1,
+            "--no-report", "--out", tmp_path / "s", "--json", "--watch",
+        )  # fmt: skip
     assert done.returncode == 0, done.stderr
     assert "watch page: http://page/" in done.stderr
     assert (tmp_path / "s" / "lifts.jsonl").read_bytes() == (one_lift / "lifts.jsonl").read_bytes()

@@ -16,6 +16,7 @@ from rig.results.listing import SessionState, list_session
 from rig.sessions.reading import phase_times, recorded_frames
 from rig.sessions.recording_file import recording_gaps
 from rig.sessions.rows import read_finished_lifts
+from support.benches import short_phases
 from support.command_line import rig
 from support.recordings import unfinished_recordings
 from support.waiting import until
@@ -74,7 +75,8 @@ def test_resumed_session_repeats_the_lift_and_keeps_the_interrupted_recording(
     killed: Path, two_lifts: Path, light_bench_file: Path
 ) -> None:
     first = (killed / "lifts" / "001.unfinished.mcap").read_bytes()
-    done = rig("trial", *SETTINGS, 1, "--bench", light_bench_file, "--out", killed, "--resume")
+    with short_phases():
+        done = rig("trial", *SETTINGS, 1, "--bench", light_bench_file, "--out", killed, "--resume")
     assert done.returncode == 0, done.stderr
     (row,) = read_finished_lifts(killed)
     assert row.recording == "lifts/001.mcap"

@@ -16,6 +16,7 @@ from rig.sessions.reading import recorded_angles
 from rig.sessions.rows import read_finished_lifts
 from rig.tactile.angles import FUSED
 from rig.tactile.estimators import choose_estimator
+from support.benches import short_phases
 
 pytest.importorskip("rerun", reason="the live view's library is not installed: extra 'live'")
 
@@ -46,7 +47,8 @@ def file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def lift_once(folder: Path, bench: BenchConfig, live: list[Listener]) -> None:
-    run_trial(folder, TrialSettings(bench, 0, choose_estimator("slip")), ["t2"], lifts=1, live=live)
+    with short_phases():
+        run_trial(folder, TrialSettings(bench, 0, choose_estimator("slip")), ["t2"], lifts=1, live=live)
 
 
 def same(one: Path, other: Path) -> bool:

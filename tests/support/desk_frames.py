@@ -19,10 +19,10 @@ def desk_digit(side: int = 1) -> DeskDigit:
     return DeskDigit(f"DESK{side}", side, Demonstration(0), SystemClock())
 
 
-def desk_frames(until_s: float, side: int = 1, from_s: float = 2.0) -> Iterator[Frame]:
-    """Yield frames at 30 per second; the first touch is at 3 s, the first turn at 6 s."""
+def desk_frames(until_s: float, side: int = 1, from_s: float = 2.0, every: int = 1) -> Iterator[Frame]:
+    """Yield frames of 30 per second, every nth; the first touch is at 3 s, the first turn at 6 s."""
     digit = desk_digit(side)
-    for number in range(round((until_s - from_s) * RATE_HZ)):
+    for number in range(0, round((until_s - from_s) * RATE_HZ), every):
         time_ns = to_ns(from_s + number / RATE_HZ)
         image = digit.draw(time_ns, np.random.default_rng(number))
         yield with_jpeg(Frame(image, time_ns, number, digit.serial))

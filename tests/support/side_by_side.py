@@ -11,7 +11,11 @@ import pytest
 MOST_WORKERS = 4
 """Each takes 0.5 GB."""
 WAITING_WORKERS = 2
-LONGEST_FIRST = ("tests/scenario", "tests/cli", "tests/unit/rig/benchmark")
+LONGEST_FIRST = (
+    "tests/scenario/test_wire.py", "tests/contract/test_devices_contract.py", "tests/scenario", "tests/cli",
+    "tests/unit/rig/benchmark",
+)  # fmt: skip
+"""The first two wait two minutes each for devices in slow motion."""
 
 
 def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:

@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 from support.benches import real_bench_file
-from support.side_by_side import pytest_xdist_auto_num_workers
+from support.side_by_side import pytest_configure, pytest_xdist_auto_num_workers
 
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGES = ("rig", "drivers", "fakes", "calibration", "protocols")
@@ -75,23 +75,21 @@ def test_only_the_contract_checks_import_pytest_and_hypothesis() -> None:
     assert importing == {("rig", "contract_checks.py")}
 
 
-def suite(*arguments: str) -> "subprocess.CompletedProcess[str]":
-    """Run the suite as a person at a bench does."""
-    command = [sys.executable, "-m", "pytest", *arguments, "--bench", "nowhere.toml"]
-    alone = {name: value for name, value in os.environ.items() if not name.startswith("PYTEST_")}
-    return subprocess.run(command, cwd=ROOT, env=alone, capture_output=True, text=True, check=False)
-
-
-@pytest.mark.slow
 def test_several_workers_with_hardware_are_rejected() -> None:
-    done = suite("tests/contract", "-n", "2")
-    assert done.returncode == pytest.ExitCode.USAGE_ERROR
-    assert "two workers must not drive one arm" in done.stderr
+    config: Any = SimpleNamespace(getoption={"--bench": "my_bench.toml", "tx": ["2*popen"]}.get)
+    with pytest.raises(pytest.UsageError, match="two workers must not drive one arm"):
+        pytest_configure(config)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_hardware_tests_run_without_workers() -> None:
-    done = suite("tests/contract", "-k", "motions_outside and fake")
+    """The suite runs as a person at a bench does it."""
+    command = [sys.executable, "-m", "pytest", "tests/contract", "-k", "motions_outside and fake"]
+    alone = {name: value for name, value in os.environ.items() if not name.startswith("PYTEST_")}
+    done = subprocess.run(
+        [*command, "--bench", "nowhere.toml"], cwd=ROOT, env=alone, capture_output=True, text=True,
+        check=False,
+    )  # fmt: skip
     assert done.returncode == 0, done.stdout + done.stderr
     assert "1 passed" in done.stdout
     assert "bringing up nodes" not in done.stdout

@@ -6,6 +6,8 @@ from pathlib import Path
 
 import pytest
 
+from support.marks import long
+
 PACKAGES = ("drivers", "fakes", "calibration", "protocols")
 USE = "import rig; rig.estimate; print('used')"
 
@@ -61,7 +63,7 @@ def test_folder_is_named_in_tests_of_the_user(tmp_path: Path) -> None:
     assert f"HiddenPackageError: Python finds {place} before" in done.stdout
 
 
-@pytest.mark.parametrize("name", [*PACKAGES, "rig"])
+@pytest.mark.parametrize("name", ["drivers", *long(*PACKAGES[1:], "rig")])
 def test_folder_without_init_file_hides_nothing(tmp_path: Path, name: str) -> None:
     (tmp_path / name).mkdir()
     assert run(tmp_path, "-c", USE).stdout == "used\n"

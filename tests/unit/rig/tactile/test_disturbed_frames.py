@@ -55,7 +55,7 @@ def cases() -> Iterator[Any]:
 @pytest.fixture(scope="module")
 def desk() -> list[Frame]:
     """Frames of a simulated press, 15 per second: 1 s without contact, then a touch and a turn."""
-    return list(desk_frames(8.0))[::2]
+    return list(desk_frames(8.0, every=2))
 
 
 @pytest.mark.filterwarnings("ignore::UserWarning")

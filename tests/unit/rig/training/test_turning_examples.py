@@ -69,9 +69,9 @@ def test_every_second_sensor_is_a_variation_of_the_look() -> None:
     look = GelLook(
         flat, np.full((SLOPE_TERMS, 3), 20.0), 0, False, False, (0.05, 0.05), CameraNoise(reach), None
     )
-    units = [frames[0].background for frames in islice(turning_frames(11, look), 12)]
+    units = [frames[0].background for frames in islice(turning_frames(11, look), 8)]
     in_the_look = sum(bool(background.std((0, 1)).max() < 2.0) for background in units)
-    assert 2 <= in_the_look <= 10
+    assert 1 <= in_the_look <= 7
 
 
 @pytest.mark.parametrize("kind", ["train", "train-turning"])

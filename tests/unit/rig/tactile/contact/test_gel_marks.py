@@ -89,7 +89,7 @@ def pixels(image: Image) -> Image:
 @pytest.fixture(scope="module")
 def desk() -> list[Frame]:
     """Frames of a simulated press, 15 per second: 1 s without contact, then a touch and a turn."""
-    return list(desk_frames(TURNED_S))[::2]
+    return list(desk_frames(TURNED_S, every=2))
 
 
 def background_of(desk: list[Frame]) -> Image:

@@ -132,9 +132,9 @@ def test_rotation_of_a_growing_contact_is_known_within_a_tenth_and_two_sigma(rat
 
 @pytest.fixture(scope="module")
 def tenfold() -> list[list[SlipSample]]:
-    """A contact that grows to the tenfold area without a rotation, with noise of six seeds."""
+    """A contact that grows to the tenfold area without a rotation, with noise of three seeds."""
     shares = np.sqrt([*np.geomspace(0.1, 1.0, 40), *[1.0] * 12])
-    return [drawn_growth(shares, np.zeros(52), 25.0, 1000 * k) for k in range(6)]
+    return [drawn_growth(shares, np.zeros(52), 25.0, 1000 * k) for k in range(3)]
 
 
 def test_contact_growing_tenfold_keeps_its_angle(tenfold: list[list[SlipSample]]) -> None:
@@ -142,7 +142,7 @@ def test_contact_growing_tenfold_keeps_its_angle(tenfold: list[list[SlipSample]]
     largest = [max(abs(sample.angle_deg or 0.0) for sample in samples) for samples in tenfold]
     assert np.mean(largest) < 6.0
     last = [samples[-1] for samples in tenfold]
-    assert sum(abs(sample.angle_deg or 0.0) < 2.0 * (sample.sigma_deg or 0.0) for sample in last) >= 4
+    assert sum(abs(sample.angle_deg or 0.0) < 2.0 * (sample.sigma_deg or 0.0) for sample in last) >= 2
 
 
 def test_sigma_of_a_growing_contact_does_not_shrink_with_a_keyframe(tenfold: list[list[SlipSample]]) -> None:

@@ -21,7 +21,7 @@ OUTLINE_EVERY_S = 0.1
 SEEN_WITHIN_S = 0.2
 """Age of the markers' place up to which only their surroundings are stored: six frames at 30 per second."""
 GREY, MARKER_QUALITY = 128, 90
-"""Grey level of what is not stored; JPEG quality of the rest. True angles of three SIMULATED lifts, measured
+"""Grey level of the other pixels; JPEG quality of the picture. True angles of three SIMULATED lifts, measured
 again from these pictures, differ by at most 0.010 degrees, at a sigma of 0.007."""
 OUTLINE_STEP = 4
 """The points of an outline are 1 px apart; every 4th point is kept."""

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from drivers.errors import EstimatorError, InputError, counted
 from rig.cli.common import emit_json, mark, report_broken, report_faults, say, trial_jobs
-from rig.cli.options import JsonOption, ResumeOption, SessionOptions
+from rig.cli.options import EngineOption, JsonOption, ResumeOption, SessionOptions
 from rig.cli.results import print_results, trial_table
 from rig.declared import argument, folder_place, option
 from rig.terminal.progress import WorkProgress
@@ -27,7 +27,7 @@ class ReplayOptions:
         callback=folder_place,
     )
     resume: ResumeOption = False
-    engine: str | None = option(None, "Run on a dask cluster: dask://HOST:PORT. Default: this computer.")
+    engine: EngineOption = None
     json: JsonOption = False
 
 

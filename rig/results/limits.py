@@ -76,7 +76,7 @@ LIFT_FIGURES: Mapping[str, Figure] = {
         _largest_delay_ms,
     ),
 }
-"""Figures of a lift by name: the numbers of `lifts.csv`, and what is computed from others."""
+"""Figures of a lift by name: the numbers of `lifts.csv`, and further ones that are computed."""
 SESSION_FIGURES: Mapping[str, Figure] = {
     "mare_deg": Figure("MARE over phases B and C", lambda of: of.mare and of.mare.mean_deg),
     "mare_b_deg": Figure("MARE over phase B", lambda of: of.mare_b and of.mare_b.mean_deg),
@@ -185,7 +185,7 @@ def _met(limit: LimitConfig, value: float | None) -> bool:
 
 
 def limit_rows(found: Sequence[Judged]) -> list[tuple[str, ...]]:
-    """Return a row of text per limit: figure, objects, what is asked, how many pass, and the first miss."""
+    """Return a row of text per limit: figure, asked range, how many pass, and the first miss."""
     by_limit: dict[tuple[str, str], list[Judged]] = {}
     for one in found:
         by_limit.setdefault((one.figure, one.asked), []).append(one)

@@ -76,7 +76,9 @@ def test_resumed_session_repeats_the_lift_and_keeps_the_interrupted_recording(
 ) -> None:
     first = (killed / "lifts" / "001.unfinished.mcap").read_bytes()
     with short_phases():
-        done = rig("trial", *SETTINGS, 1, "--bench", light_bench_file, "--out", killed, "--resume")
+        done = rig(
+            "trial", *SETTINGS, 1, "--jobs", 1, "--bench", light_bench_file, "--out", killed, "--resume"
+        )
     assert done.returncode == 0, done.stderr
     (row,) = read_finished_lifts(killed)
     assert row.recording == "lifts/001.mcap"

@@ -3,15 +3,24 @@
 import math
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from drivers.types import Pose
 from fakes.world import kinematics as ur_frames
 from fakes.world.kinematics import ELBOW_UP, forward, nearest_inverse, tracked_inverse
+from fakes.world.motion import tool_tilt
 
 joints = st.tuples(*[st.floats(-3.1, 3.1)] * 6)
 poses = st.tuples(*[st.floats(-1.0, 1.0)] * 3, *[st.floats(-1.8, 1.8)] * 3)
+
+
+def test_tilt_of_a_downward_tool_is_its_rotation_about_the_negative_y_axis():
+    down = Rotation.from_euler("x", 180, degrees=True)
+    turned = Rotation.from_rotvec([0.0, -0.1, 0.0]) * down
+    assert tool_tilt(Pose.from_rotation((0.4, 0.0, 0.2), turned)) == pytest.approx(0.1)
 
 
 def test_forward_kinematics_match_a_state_of_urs_controller():

@@ -167,9 +167,10 @@ def quick_figures(monkeypatch: pytest.MonkeyPatch) -> None:
     """Write pages with empty figures, whose drawing takes half of a page's time."""
 
     def empty(figure: object, alt: str) -> Markup:
-        return Markup('<svg role="img" aria-label="{}"></svg>').format(alt)
+        return Markup('<svg role="img" aria-label="{}" fill="var(--ink)"></svg>').format(alt)
 
-    monkeypatch.setattr("rig.report.parts.svg", empty)
+    for module in ("rig.report.parts", "rig.calibrate.figures"):
+        monkeypatch.setattr(f"{module}.svg", empty)
 
 
 @pytest.fixture

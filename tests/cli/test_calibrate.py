@@ -19,6 +19,8 @@ from support.command_line import rig
 from support.motions import pivot_scene
 from support.simulated_gel import SimulatedGel
 
+pytestmark = pytest.mark.usefixtures("quick_figures")
+
 
 def calibrate(*arguments: object) -> "subprocess.CompletedProcess[str]":
     return rig("calibrate", *arguments)

@@ -58,11 +58,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         if item.path.parent == Path(__file__).parent:
             if "estimator" not in item.path.name:
                 item.add_marker(pytest.mark.xdist_group("contract"))
-            asked = (
-                item.callspec.params
-                if isinstance(item, pytest.Function) and hasattr(item, "callspec")
-                else {}
-            )
+            asked = item.callspec.params if hasattr(item, "callspec") else {}
             size, estimator = asked.get("size"), asked.get("make_estimator")
             if size is not None and estimator != EVERY_SIZE and size not in SOME_SIZES:
                 item.add_marker(pytest.mark.long)

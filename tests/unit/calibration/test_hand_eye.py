@@ -101,6 +101,13 @@ def test_flipped_samples_are_left_out_and_named() -> None:
     assert error_mm(result, truth) < 1.0
 
 
+def test_samples_of_which_more_than_a_third_are_flipped_are_refused() -> None:
+    _, samples = general_scene(np.random.default_rng(2), 20, flipped=8)
+    result = solved(samples)
+    assert result.pose is None
+    assert "contradict one another" in str(result.assessment)
+
+
 @pytest.mark.slow
 def test_flipped_targets_of_pairs_are_left_out_and_named() -> None:
     truth, samples = pose_pairs(3)

@@ -300,6 +300,12 @@ def test_exact_corners_give_the_exact_angle(turn, tilt, shift, known):
     assert answer.residual_px < 1e-3
 
 
+def test_angles_of_the_reference_have_a_mean_of_zero():
+    angle, seen = MarkerAngle(MarkerTracker((0, 1), "DICT_4X4_50")), list(still((10.0, 5.0), noise_px=0.3))
+    angle.set_reference(seen)
+    assert np.mean([angle.turn(each).angle_deg for each in seen]) == pytest.approx(0.0, abs=1e-9)
+
+
 def test_rotation_out_of_the_plane_is_refused():
     angle = MarkerAngle(MarkerTracker((0, 1), "DICT_4X4_50"), KNOWN)
     angle.set_reference(list(still()))

@@ -98,7 +98,7 @@ def test_coco_is_read_by_pycocotools_and_states_the_origin_of_its_masks(
     one_lift: Path, recording: Path, tmp_path: Path
 ) -> None:
     coco_module = pytest.importorskip("pycocotools.coco")
-    for session, least in ((one_lift, 20), (recording, 4)):
+    for session, least in ((one_lift, 15), (recording, 4)):
         out = tmp_path / session.name
         exported = export_session(session, "coco", out)
         coco = coco_module.COCO(str(out / "annotations.json"))

@@ -25,7 +25,7 @@ def find(findings: list[Finding], device: str, check: str) -> Finding:
 def looked_at_streams(
     config: BenchConfig, snapshot: Path | None = None, sizes: dict[str, tuple[int, int]] | None = None
 ) -> list[Finding]:
-    bench, _ = build_bench(config, realtime=True)
+    bench, _ = build_bench(config)
     stated = {s.serial: s.size_px for s in (*config.tactile, config.camera)} | (sizes or {})
     return look_at_streams(bench.frame_sources, bench.clock, stated, 0.5, snapshot)
 

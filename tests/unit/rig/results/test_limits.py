@@ -14,6 +14,7 @@ from rig.config.models import LimitConfig
 from rig.results.limits import checked_limits, json_lines, judged, junit_xml, limit_rows, read_limits
 from rig.sessions.records import ErrorSummary, Lift
 from support.command_line import rig
+from support.quick_lifts import quick_lifts
 
 OBJECTS = ["t1", "7"]
 
@@ -108,12 +109,17 @@ def test_bench_file_may_have_limits(light_bench_file: Path, tmp_path: Path) -> N
     assert load_bench(str(file)).limits == (LimitConfig(figure="answered", lower=0.9),)
 
 
-def test_trial_with_limits_says_which_lift_misses_and_why(light_bench_file: Path, tmp_path: Path) -> None:
+@pytest.mark.usefixtures("quick_pages")
+def test_trial_with_limits_says_which_lift_misses_and_why(
+    light_bench_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    quick_lifts(monkeypatch)
     file = tmp_path / "limits.toml"
     file.write_text(
         '[[limits]]\nfigure = "re_max_deg"\nupper = 0.001\n[[limits]]\nfigure = "answered"\nlower = 0.1\n'
     )
-    trial = ("trial", "--bench", light_bench_file, "--object", "t2", "--lifts", "1", "--out", tmp_path / "s")
+    what = ("--object", "t2", "--lifts", 1, "--jobs", 1)
+    trial = ("trial", "--bench", light_bench_file, *what, "--out", tmp_path / "s")
     done = rig(*trial, "--limits", file, "--json")
     assert done.returncode == 4, done.stderr
     assert "rig: limit missed: toothbrush, lift 1: re_max_deg" in done.stderr

@@ -26,7 +26,7 @@ COLUMN_PT = 88.9 / 25.4 * 72
 def written(drawn_trial: Any, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     """A session and the folder with its figures."""
     folder = tmp_path_factory.mktemp("paper")
-    session = drawn_trial(folder / "session")
+    session = drawn_trial(folder / "session", (12.0,))
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("rig.report.explored.lift_film", lambda *_: None)
         write_report([session], figures=folder / "made" / "figures")
@@ -37,7 +37,7 @@ def test_figures_of_the_page_are_written_in_three_formats_as_wide_as_a_column(
     written: tuple[Path, Path],
 ) -> None:
     names = {path.name for path in written[1].iterdir()}
-    for stem in ("Rotational_error_per_object", "Error_against_angle", "wrench_lift_1", "wrench_lift_2"):
+    for stem in ("Rotational_error_per_object", "Error_against_angle", "wrench_lift_1"):
         assert {f"simulated_{stem}.{ending}" for ending in ("pdf", "svg", "png")} <= names
     for path in written[1].glob("*.pdf"):
         (in_pdf,) = re.findall(rb"/MediaBox \[ 0 0 ([\d.]+)", path.read_bytes())

@@ -5,12 +5,15 @@ The workers of the cluster need this product installed and see the sessions unde
 
 import multiprocessing
 import socket
-from collections.abc import Callable, Iterable, Iterator
+import threading
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Future, ProcessPoolExecutor, wait
+from functools import partial
 from typing import Any, TypeVar
 
 from drivers.children import end_with_parent, leave_signals_to_parent, spawn_context
 from drivers.errors import InputError, RigError
+from drivers.progress import steps
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
@@ -53,6 +56,21 @@ def run_tasks(
             if process not in others:  # e.g. the process of a page outlives the pool
                 process.terminate()
         pool.shutdown(wait=True, cancel_futures=True)
+
+
+def run_in_order(work: Callable[[Task], Result], tasks: Sequence[Task], jobs: int) -> list[Result]:
+    """Return the results of all tasks in their order, and count finished tasks on the progress display.
+
+    Workers are forks of this process while it has no other thread, because a fork copies no thread.
+    """
+    fork, jobs = threading.active_count() == 1, max(1, min(jobs, len(tasks)))
+    results = run_tasks(partial(_numbered, work), list(enumerate(tasks)), jobs, fork)
+    found = dict(result for _, result in steps(results, len(tasks)))
+    return [found[number] for number in range(len(tasks))]
+
+
+def _numbered(work: Callable[[Task], Result], task: tuple[int, Task]) -> tuple[int, Result]:
+    return task[0], work(task[1])
 
 
 def _end_with_parent() -> None:

@@ -66,6 +66,7 @@ def sessions(options: ListOptions) -> None:
       rig sessions --check
       rig sessions /data/2026 --page sessions.html
     """
+    from rig.sessions.files import RECORDINGS
     from rig.terminal.tables import console_table, table_console
 
     entries, folder = _selected(options), options.folder
@@ -75,6 +76,11 @@ def sessions(options: ListOptions) -> None:
         about = "MARE over phases B and C, degrees; contact: median area by fingertip, px"
         rows = list(zip(*columns.values(), strict=True))
         console.print(console_table(list(columns), rows, left, f"sessions in {folder}; {about}"))
+        size_mb = sum(entry.size_bytes for entry in entries) / MB
+        console.print(
+            f"{counted(len(entries), 'session')}, {size_mb:,.0f} MB. To free the disk, delete the folder "
+            f"{RECORDINGS} of a complete session: its results and report stay, but rig replay needs it."
+        )
     else:
         such = "such " if options.tags or options.objects else ""
         console.print(f"{folder}: no {such}session here")

@@ -73,6 +73,13 @@ class LiftOptions:
         stored="skip",
         read=lambda skip: not skip,
     )
+    markers_only: bool = option(
+        False,
+        "Store only the surroundings of the markers of the external camera's pictures, the rest in grey. "
+        "A lift then takes about half of the disk.",
+        "--markers-only",
+        stored="markers_only",
+    )
     react: Literal["none", "stop", "tighten", "lower"] = option(
         "none",
         "Reaction to slip: stop the arm; tighten the grip and continue; or lower the object. "
@@ -114,6 +121,7 @@ def trial(context: typer.Context, options: TrialOptions) -> None:
       rig trial --lifts 5 --name "new gel" --tag gel-7 --operator Ada
       rig trial --resume --out sessions/campaign
       rig trial --lifts 5 --watch
+      rig trial --lifts 50 --markers-only
     """
     from rig.sessions.rows import read_finished_lifts
 
@@ -188,7 +196,7 @@ def _prepare(context: typer.Context, options: TrialOptions) -> _Trial:
     choice = choose_estimator(options.estimator, options.window, not options.no_skip)
     slip = SlipSettings(options.alarms_per_hour, options.max_turn_deg)
     kind = ReactionKind(options.react)
-    settings = TrialSettings(config, options.seed, choice, options.realtime, kind, slip)
+    settings = TrialSettings(config, options.seed, choice, options.realtime, kind, slip, options.markers_only)
     objects = resolve_objects(options.objects, config.objects)
     require_reaction(settings, objects)
     jobs = trial_jobs(options.jobs, config.in_process, options.realtime)

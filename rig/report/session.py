@@ -45,7 +45,7 @@ def read_trial(folder: Path, manifest: TrialManifest, jobs: int = 1) -> Trial:
     rows, problems = read_usable(folder / RESULTS["trial"], LIFTS)
     timing = read_timing(folder)
     done = sorted(finished(rows), key=lambda row: row.number)
-    read = run_in_order(partial(_read_usable, folder, manifest), done, jobs)
+    read = list(run_in_order(partial(_read_usable, folder, manifest), done, jobs))
     lifts = [lift for lift, _ in read]
     damaged = [f"{lift.title} ({lift.recording}: {why})" for lift, why in read if why is not None]
     if damaged:

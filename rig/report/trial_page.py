@@ -52,7 +52,8 @@ def trial_page(
     summary = summarize_trial(trial.rows)
     anchors = {lift.title: anchor(lift) for lift in with_angles(trial.lifts)}
     figures = _charts(trial)
-    lifts = run_in_order(partial(_drawn_lift, trial.folder, jobs == 1), with_angles(trial.lifts), jobs)
+    draw = partial(_drawn_lift, trial.folder, jobs == 1)
+    lifts = list(run_in_order(draw, with_angles(trial.lifts), jobs))
     by_anchor = {chart.anchor: replace(chart, anchor="") for chart in lifts}
     objects = object_table(summary) if summary.objects else None
     known = [(lift.re.mean_deg, lift) for lift in with_angles(trial.lifts) if lift.re]

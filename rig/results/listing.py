@@ -35,6 +35,7 @@ class SessionState(StrEnum):
     COMPLETE = "complete"
     RUNNING = "running"
     UNFINISHED = "unfinished"
+    THINNED = "without recordings"
     BROKEN = "broken"
 
 
@@ -183,14 +184,16 @@ def _sizes(folder: str, inside: str = "") -> dict[str, int]:
 
 
 def _entry(folder: Path, sizes: Mapping[str, int], manifest: AnyManifest, quick: bool) -> SessionEntry:
-    done, mare, areas, files, what = 0, None, [], [], "recording"
+    done, mare, areas, files, what, thinned = 0, None, [], [], "recording", False
     problems: list[str] = []
     if isinstance(manifest, TrialManifest):
         rows, problems = rows_and_problems(folder / RESULTS[manifest.kind], LIFTS)
         lifts = finished(rows)
         done, mare = len(lifts), mare_of(lift.re for lift in lifts)
         areas = [area for lift in lifts for area in lift.contact_area_px.items()]
-        files = [lift.recording for lift in lifts]
+        # The folder of all recordings is deleted to free the disk; a single missing one is damage.
+        thinned = manifest.status == "complete" and not (folder / RECORDINGS).is_dir()
+        files = [] if thinned else [lift.recording for lift in lifts]
     elif isinstance(manifest, RecordManifest):
         poses = [pose for pose in read_poses(folder) if pose.accepted]
         images = [image for pose in poses for image in pose.images]
@@ -207,6 +210,8 @@ def _entry(folder: Path, sizes: Mapping[str, int], manifest: AnyManifest, quick:
         state = SessionState.BROKEN
     elif in_use(folder):
         state = SessionState.RUNNING
+    elif thinned:
+        state = SessionState.THINNED
     problem = f"{problems[0]}{more}" if problems else None
     size = sum(sizes.values())
     by_serial = {of: median(area for serial, area in areas if serial == of) for of in sorted(dict(areas))}

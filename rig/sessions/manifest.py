@@ -61,7 +61,8 @@ class TrialManifest(BenchManifest):
     """A trial. skip: whether the estimator skips stages that a frame does not need.
 
     truth: the true angles were measured by the markers' edges. react: reaction to slip;
-    false_alarms_per_hour, max_turn_deg: its settings, see `rig.lift.slip_watch.SlipSettings`.
+    false_alarms_per_hour, max_turn_deg: its settings, see `rig.lift.slip_watch.SlipSettings`. markers_only:
+    of the external camera's pictures only the surroundings of the markers are stored.
     """
 
     kind: Literal["trial"]
@@ -73,6 +74,7 @@ class TrialManifest(BenchManifest):
     react: ReactionKind = ReactionKind.NONE
     false_alarms_per_hour: Annotated[float, Field(gt=0, le=100_000)] = 10.0
     max_turn_deg: Annotated[float, Field(gt=0, le=180)] | None = None
+    markers_only: bool = False
 
     @property
     def wanted(self) -> int:

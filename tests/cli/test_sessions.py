@@ -114,6 +114,18 @@ def test_check_ends_with_exit_code_2_if_a_session_is_broken(tmp_path: Path, one_
     assert rig("sessions", tmp_path).returncode == 0
 
 
+def test_session_without_its_recordings_keeps_its_results(named: Path, tmp_path: Path) -> None:
+    shutil.copytree(named, tmp_path / "all")
+    shutil.rmtree(tmp_path / "all" / "s1" / "lifts")
+    done = rig("sessions", tmp_path / "all", "--json", "--check")
+    assert done.returncode == 0, done.stderr
+    states = [(entry["state"], entry["mare_deg"]) for entry in json.loads(done.stdout)["sessions"]]
+    assert [state for state, _ in states] == ["complete", "without recordings", "complete"]
+    assert len({mare for _, mare in states}) == 1
+    size_mb = sum(file.stat().st_size for file in tmp_path.rglob("*") if file.is_file()) / 1e6
+    assert f"3 sessions, {size_mb:,.0f} MB" in done.stderr
+
+
 def test_parallel_listing_of_many_sessions_gives_the_same_result(tmp_path: Path) -> None:
     for number in range(8):
         shutil.copytree(STORED / "stored_trial", tmp_path / f"{number:02d}")

@@ -13,7 +13,7 @@ from typing import TypeVar
 
 from drivers.children import end_with_parent, leave_signals_to_parent, spawn_context
 from drivers.errors import InputError, RigError
-from drivers.progress import steps
+from drivers.progress import show_on, steps
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
@@ -80,7 +80,8 @@ def _numbered(work: Callable[[Task], Result], task: tuple[int, Task]) -> tuple[i
 
 
 def _end_with_parent() -> None:
-    """Leave signals to the parent, and exit when it has ended. A fork has the command line's handlers."""
+    """Leave signals and progress to the parent, and exit when it has ended. A fork has copies of both."""
+    show_on(None)
     leave_signals_to_parent()
     end_with_parent()
 

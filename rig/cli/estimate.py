@@ -209,6 +209,7 @@ def _all_estimated(run: "Estimation", tips: "Sequence[SessionSeries]") -> "Itera
 
     begin()
     compute_in_one_thread()
+    run.choice.try_making()  # compiles loops once, not in each process
     for done in run_in_order(run.of_series, tips, os.cpu_count() or 1):
         yield done
         begin()  # the caller has printed a result

@@ -159,6 +159,13 @@ def _run_and_report() -> None:
         if isinstance(error, OperatorStopError):
             code = Exit.STOPPED
         _end(f"{error}{notes}", type(error).__name__, code)
+    except ModuleNotFoundError as error:
+        from rig.config.extras import WIRE, pip_line
+
+        module = str(error.name).partition(".")[0]
+        if module not in WIRE:
+            raise
+        _end(f"this bench needs {module}: {pip_line(WIRE[module])}", "InputError", Exit.USAGE)
     except OSError as error:  # an access to a file that has no error handling of its own
         _end(f"{error.filename or 'a file'}: {error.strerror or error}", "OSError", Exit.FAULT)
 

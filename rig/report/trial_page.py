@@ -31,6 +31,7 @@ from rig.report.parts import (
 )
 from rig.report.session import UNREADABLE, Trial, with_angles
 from rig.report.strips import Still, strip
+from rig.results.limits import LIMIT_HEADINGS, judged, limit_rows
 from rig.results.metrics import FEWEST_LIFTS, INTERVAL, Floats, mare_of, mare_text, summarize
 from rig.results.summary import TrialSummary, summarize_trial
 from rig.sessions.records import SHOWN, Lift, LiftOutcome, LiftTiming, StageTimes, totals
@@ -70,6 +71,7 @@ def trial_page(
             for notice in trial_notices(trial, now)
         ],
         objects=objects,
+        limits=_limit_table(trial),
         fingertips=fingertip_table(trial.lifts) if lifts else None,
         reacted=None if other is None else beside(trial, other),
         charts=figures,
@@ -96,6 +98,14 @@ def _drawn_lift(folder: Path, keep_figure: bool, lift: Lift) -> Chart:
     chart = lift_chart(lift, lift_caption(lift))
     figure = chart.figure if keep_figure else None
     return replace(chart, anchor=anchor(lift), explored=data, drawn=chart.draw(), figure=figure)
+
+
+def _limit_table(trial: Trial) -> Table | None:
+    """Return the table of limits, None without any."""
+    found = judged(trial.manifest.config.limits, trial.rows, trial.timing)
+    headings = list(enumerate(LIMIT_HEADINGS))
+    columns = {name: (lambda row, place=place: row[place]) for place, name in headings}
+    return table_of(limit_rows(found), columns, text=(0, 1, 3)) if found else None
 
 
 def object_table(summary: TrialSummary) -> Table:

@@ -195,7 +195,7 @@ def coverage_chart(lifts: Sequence[Lift]) -> Chart | None:
     ratios = sigma_ratios(lifts)
     if ratios.size < FEWEST_FRAMES:
         return None
-    from scipy.special import ndtr  # imported here, because the import is slow
+    from scipy.special import ndtr  # scipy.stats takes a second to import
 
     multiples = np.linspace(0.0, 4.0, 41)
     seen = [float(np.mean(ratios <= m)) * 100.0 for m in multiples]

@@ -14,7 +14,7 @@ from drivers.errors import InputError, OperatorStopError, RigError
 from rig.cli.common import STOPS, Exit, begin_answer, emit_error, say, stop_on_signals
 from rig.cli.helping import Commands, Group, as_command
 from rig.terminal.screen import Output, begin_phase, guarded_output, plain
-from rig.version import VERSION
+from rig.version import version_text
 
 COMMANDS = {
     "Run": {
@@ -117,7 +117,7 @@ app = Commands(
 
 def _version(asked: bool) -> None:
     if asked:
-        print(f"rig {VERSION}")
+        print(f"rig {version_text()}")
         raise typer.Exit
 
 

@@ -205,6 +205,12 @@ class LimitConfig(BenchSection):
         return self
 
 
+class LimitsFile(BenchSection):
+    """The file of `--limits`."""
+
+    limits: Annotated[tuple[LimitConfig, ...], Field(min_length=1)]
+
+
 DeviceConfig = ArmConfig | GripperConfig | TactileConfig | CameraConfig
 
 

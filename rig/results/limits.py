@@ -11,13 +11,13 @@ from pathlib import Path
 from typing import NamedTuple
 from xml.etree import ElementTree
 
-from pydantic import TypeAdapter, ValidationError
+from pydantic import ValidationError
 
 from drivers.errors import InputError, unknown_name
 from drivers.formats import MOST_TOML_BYTES, parse_toml, read_text
 from protocols.grasps import GraspFile, find_grasp_file
 from rig.config import validation_text
-from rig.config.models import LimitConfig
+from rig.config.models import LimitConfig, LimitsFile
 from rig.results.summary import summarize_lifts
 from rig.sessions.records import Lift, LiftTiming, finished, lift_columns
 
@@ -120,14 +120,12 @@ class Judged:
 def read_limits(path: Path) -> Limits:
     """Read a file with a table [[limits]] per limit, as in a bench file. Raises `InputError`."""
     text = read_text(path, MOST_TOML_BYTES)
-    values = parse_toml(text, str(path))
-    if list(values) != ["limits"]:
-        raise InputError(f"{path}: write a table [[limits]] per limit, with figure and lower or upper")
+    document = json.dumps(parse_toml(text, str(path)), default=str)
     try:
-        return TypeAdapter(Limits).validate_json(json.dumps(values["limits"], default=str), strict=True)
+        return LimitsFile.model_validate_json(document, strict=True).limits
     except ValidationError as error:
-        known = set(LimitConfig.model_fields)
-        raise InputError(f"{path}: limits.{validation_text(error, known=known)}") from error
+        known = {*LimitsFile.model_fields, *LimitConfig.model_fields}
+        raise InputError(f"{path}: {validation_text(error, text, known)}") from error
 
 
 def checked_limits(limits: Limits, objects: Sequence[str], own: Sequence[GraspFile] = ()) -> Limits:

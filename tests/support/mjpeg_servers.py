@@ -103,7 +103,7 @@ def old_protocol(connection: socket.socket, request: bytes) -> None:
 
 
 def announces(boundary: bytes, less: int) -> Behaviour:
-    """Send parts with a boundary of their own, and a length that is too small by some bytes."""
+    """Send parts with the boundary b1, and a length that is too small by some bytes."""
 
     def behave(connection: socket.socket, request: bytes) -> None:
         connection.sendall(HEAD % (boundary, b""))

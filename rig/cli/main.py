@@ -25,7 +25,7 @@ COMMANDS = {
         "teach": "Teach where an object is grasped, its width there, and the height of the lift.",
     },
     "Results": {
-        "sessions": "List sessions with date, kind, objects, lifts, MARE, contact area and size; report "
+        "sessions": "List sessions with date, objects, estimator, MARE, limits, contact area and size; report "
         "broken ones.",
         "report": "Write the report of a session as one HTML page without external files.",
         "play": "Make a film of a lift or of your own frames, with contact, axes and the angle over time.",

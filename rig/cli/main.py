@@ -25,8 +25,8 @@ COMMANDS = {
         "teach": "Teach where an object is grasped, its width there, and the height of the lift.",
     },
     "Results": {
-        "sessions": "List sessions with date, objects, estimator, MARE, limits, contact area and size; report "
-        "broken ones.",
+        "sessions": "List sessions with date, objects, estimator, MARE, limits, contact area and size; "
+        "report broken ones.",
         "report": "Write the report of a session as one HTML page without external files.",
         "play": "Make a film of a lift or of your own frames, with contact, axes and the angle over time.",
         "compare": "Compare two trials, or two estimators on one trial, by paired differences with "

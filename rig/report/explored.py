@@ -7,6 +7,7 @@ page's palette.
 import re
 from collections.abc import Sequence
 from contextlib import suppress
+from functools import partial
 from itertools import cycle
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,7 @@ import numpy as np
 from jinja2.utils import htmlsafe_json_dumps
 
 from drivers.clock import NS_PER_S
+from rig.experiments.process_pool import run_in_order
 from rig.pages.page import data_uri
 from rig.pages.palette import ESTIMATE, FIRST, INK, SECOND, TRUTH, Colour
 from rig.report.charts import SIGMAS, angle_range, shown_range
@@ -172,22 +174,24 @@ def film_mark(lift: Lift) -> str:
     return f"film of {anchor(lift)}"
 
 
-def with_films(page: str, trial: Trial) -> str:
+def with_films(page: str, trial: Trial, jobs: int = 1) -> str:
     """Return a trial's page with films in place of the placeholders, as large as the size limit allows.
 
-    They are made last, so that page and films together stay below the limit.
+    They are made last, in `jobs` processes, so that page and films together stay below the limit.
     """
     marks = {f'"film":"{film_mark(lift)}"': lift for lift in trial.lifts}
     marks = {mark: lift for mark, lift in marks.items() if mark in page}
     room = (MOST_BYTES - len(page.encode())) // max(len(marks), 1)
     most_bytes = max(room * 3 // 4, LEAST_FILM_BYTES)  # base64 adds a third
-    films = {}
-    for mark, lift in marks.items():
-        film = None
-        with suppress(*UNREADABLE):  # the page has a notice about the damaged recording
-            if lift.angles:
-                film = lift_film(trial.folder / lift.recording, lift, trial.manifest, most_bytes)
-        films[mark] = htmlsafe_json_dumps(film)
+    made = run_in_order(partial(_film, trial.folder, trial.manifest, most_bytes), list(marks.values()), jobs)
+    films = {mark: htmlsafe_json_dumps(film) for mark, film in zip(marks, made, strict=True)}
     # in one pass, so that a placeholder inside a film's data is not replaced
     pattern = "|".join(map(re.escape, films)) or "(?!)"
     return re.sub(pattern, lambda found: f'"film":{films[found.group()]}', page)
+
+
+def _film(folder: Path, manifest: TrialManifest, most_bytes: int, lift: Lift) -> Json | None:
+    with suppress(*UNREADABLE):  # the page has a notice about the damaged recording
+        if lift.angles:
+            return lift_film(folder / lift.recording, lift, manifest, most_bytes)
+    return None

@@ -14,12 +14,14 @@ from fakes.world.kinematics import (
     ELBOW_UP,
     PHYSICAL_TOOL,
     Encoders,
+    Frame,
     compose,
     forward,
     from_pose,
     inverse,
     nearest_inverse,
     to_pose,
+    tracked_inverse,
 )
 from fakes.world.motion import ToolPath, TrapezoidProfile, distance
 from fakes.world.world import World
@@ -35,6 +37,7 @@ LIMITS = ArmLimits(
     max_payload_kg=5.0,
 )
 
+Inverse = Callable[[Frame, Vector6], Vector6 | None]
 ANY_JOINTS: tuple[Vector6, Vector6] = (-inf, -inf, -inf, -inf, -inf, -inf), (inf, inf, inf, inf, inf, inf)
 
 
@@ -79,7 +82,7 @@ class FakeArm(Arm):
         now = self._clock.now_ns()
         pose = self._world.tool.pose_at(now)
         if pose != self._pose:
-            self._pose, self._joints = pose, self._reach(pose, ANY_JOINTS)
+            self._pose, self._joints = pose, self._reach(pose, ANY_JOINTS, tracked_inverse)
         joints = self._encoders.shown(self._joints, now)
         height_m = self._world.tool.position_at(now)[2]
         return ArmState(
@@ -161,6 +164,8 @@ class FakeArm(Arm):
         if not self._connected:
             raise NotConnectedError("arm: used before connect; connect the bench first")
 
-    def _reach(self, pose: Pose, limits_rad: tuple[Vector6, Vector6]) -> Vector6:
-        joints = nearest_inverse(compose(from_pose(pose), inverse(PHYSICAL_TOOL)), self._joints)
+    def _reach(
+        self, pose: Pose, limits_rad: tuple[Vector6, Vector6], solve: Inverse = nearest_inverse
+    ) -> Vector6:
+        joints = solve(compose(from_pose(pose), inverse(PHYSICAL_TOOL)), self._joints)
         return check_joints(joints, limits_rad, pose)

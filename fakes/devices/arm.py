@@ -14,7 +14,6 @@ from fakes.world.kinematics import (
     ELBOW_UP,
     PHYSICAL_TOOL,
     Encoders,
-    Frame,
     compose,
     forward,
     from_pose,
@@ -37,7 +36,6 @@ LIMITS = ArmLimits(
     max_payload_kg=5.0,
 )
 
-Inverse = Callable[[Frame, Vector6], Vector6 | None]
 ANY_JOINTS: tuple[Vector6, Vector6] = (-inf, -inf, -inf, -inf, -inf, -inf), (inf, inf, inf, inf, inf, inf)
 
 
@@ -165,7 +163,10 @@ class FakeArm(Arm):
             raise NotConnectedError("arm: used before connect; connect the bench first")
 
     def _reach(
-        self, pose: Pose, limits_rad: tuple[Vector6, Vector6], solve: Inverse = nearest_inverse
+        self,
+        pose: Pose,
+        limits_rad: tuple[Vector6, Vector6],
+        solve: Callable[..., Vector6 | None] = nearest_inverse,
     ) -> Vector6:
         joints = solve(compose(from_pose(pose), inverse(PHYSICAL_TOOL)), self._joints)
         return check_joints(joints, limits_rad, pose)

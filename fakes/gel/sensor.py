@@ -5,7 +5,6 @@ Only the simulator may read the ground truth (`touching`).
 """
 
 from dataclasses import replace
-from typing import Any
 
 import cv2
 import numpy as np
@@ -121,11 +120,11 @@ class GelSensor:
         facing += lost
         np.minimum(facing, self._most_lost, out=facing)
         facing *= np.float32(-_UNITS)
-        return self._full_size(cv2.merge(list(facing.astype(np.int16))))
+        return self._full_size(np.asarray(cv2.merge(list(facing)), np.float32))
 
-    def _full_size(self, change: NDArray[Any]) -> NDArray[np.int16]:
+    def _full_size(self, change: NDArray[np.float32]) -> NDArray[np.int16]:
         """Upsample a change (h, w, 3) to the image's resolution, in integer units."""
-        return np.asarray(cv2.resize(change.astype(np.int16, copy=False), self._pad.shape[::-1]), np.int16)
+        return np.asarray(cv2.resize(change.astype(np.int16), self._pad.shape[::-1]), np.int16)
 
     def _lit_background(self, time_s: float) -> NDArray[np.int16]:
         """Return the background at a time. Its slow drift is updated every tenth of a second."""

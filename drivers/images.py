@@ -1,7 +1,9 @@
 """Image encoders and decoders, shared by everything except the fakes, which keep their own."""
 
+import struct
 from collections.abc import Collection, Iterable
 from dataclasses import replace
+from io import BytesIO
 from pathlib import Path
 
 import cv2
@@ -11,6 +13,7 @@ from cv2.typing import MatLike
 from drivers.errors import FormatError, InputError, RecordingError
 from drivers.formats import (
     MOST_PIXELS,
+    holds_floats,
     in_number_order,
     may_hold_several,
     picture_count,
@@ -44,6 +47,11 @@ def decode_image(data: bytes, grey: bool = False, shrink: int = 1) -> Image | No
     """
     if picture_flaw(data) is not None:
         return None
+    if holds_floats(data):
+        try:
+            return _of_floats(data, grey)
+        except FormatError:
+            return None
     way = cv2.IMREAD_GRAYSCALE if grey else cv2.IMREAD_COLOR_RGB
     try:
         image = cv2.imdecode(
@@ -54,6 +62,28 @@ def decode_image(data: bytes, grey: bool = False, shrink: int = 1) -> Image | No
     if image is None:
         return None
     return np.asarray(image if shrink == 1 else cv2.cvtColor(image, cv2.COLOR_BGR2RGB), np.uint8)
+
+
+def _of_floats(data: bytes, grey: bool) -> Image:
+    """Decode a TIFF with floating-point samples, of 0 to 1 or of 0 to 255. Raises `FormatError`."""
+    import tifffile
+
+    try:
+        values = np.asarray(tifffile.imread(BytesIO(data)), np.float64)
+    except (ValueError, RuntimeError, struct.error, IndexError) as error:
+        raise FormatError(f"is a TIFF that cannot be decoded ({error})") from error
+    if values.ndim == 3 and values.shape[2] > 4:  # planes one after the other
+        values = np.moveaxis(values, 0, 2)
+    if (
+        values.ndim not in (2, 3)
+        or not np.isfinite(values).all()
+        or values.min() < 0.0
+        or values.max() > 255.0
+    ):
+        raise FormatError("has floating-point values that are not all from 0 to 1 or from 0 to 255")
+    image = np.rint(values * (255.0 if values.max() <= 1.0 else 1.0)).astype(np.uint8)
+    colour = cv2.cvtColor(image, cv2.COLOR_GRAY2RGB) if image.ndim == 2 else image[..., :3]
+    return np.asarray(cv2.cvtColor(colour, cv2.COLOR_RGB2GRAY) if grey else colour, np.uint8)
 
 
 def decode_stored(data: bytes) -> Image:
@@ -84,7 +114,11 @@ def read_image(path: Path, grey: bool = False) -> Image:
 def image_flaw(path: Path) -> str | None:
     """Return why an image file cannot be read or decoded; None if it can."""
     try:
-        return picture_flaw(read_bounded(path, MOST_BYTES))
+        data = read_bounded(path, MOST_BYTES)
+        flaw = picture_flaw(data)
+        if flaw is None and holds_floats(data):
+            _of_floats(data, grey=False)
+        return flaw
     except FormatError as error:
         return str(error).removeprefix(f"{path}: ")
 

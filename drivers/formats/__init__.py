@@ -22,7 +22,14 @@ from typing import Any, TypeVar
 import yaml
 
 from drivers.errors import FormatError
-from drivers.formats.picture import MOST_PIXELS, jpeg_header, may_hold_several, picture_count, picture_flaw
+from drivers.formats.picture import (
+    MOST_PIXELS,
+    holds_floats,
+    jpeg_header,
+    may_hold_several,
+    picture_count,
+    picture_flaw,
+)
 from drivers.formats.unpacking import MOST_NETWORK, check_onnx, check_pieces, check_unpacked, check_zip
 
 _LONGEST_REASON, _LONGEST_VALUE = 160, 60

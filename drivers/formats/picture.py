@@ -4,7 +4,8 @@ Decoders allocate as many pixels as a header of a few bytes states, and silently
 a truncated image. Pillow also reads sizes, but it decodes WebP for that, and checks for large images only on
 opening.
 
-JPEG: ITU-T T.81, table B.1. PNG: ISO/IEC 15948, 5.3. TIFF: revision 6.0, section 2. WebP: RFC 9649, 2.
+JPEG: ITU-T T.81, table B.1. PNG: ISO/IEC 15948, 5.3. TIFF: revision 6.0, section 2, and
+BigTIFF (libtiff.gitlab.io/libtiff/specification/bigtiff.html). WebP: RFC 9649, 2.
 """
 
 import math
@@ -25,7 +26,10 @@ _JPEG, _JPEG_END, _JPEG_SCAN = b"\xff\xd8", b"\xff\xd9", b"\xff\xda"
 _NO_SIZE = (0xC4, 0xC8, 0xCC)
 """Markers from C0 to CF that are not frame headers: Huffman tables, reserved, arithmetic coding."""
 _WIDTH, _HEIGHT, _BITS, _SAMPLES, _TILE_WIDTH, _TILE_HEIGHT, _SUBFILE = 256, 257, 258, 277, 322, 323, 254
-_SHORT, _LESS_RESOLUTION = 3, 1
+_FORMAT, _FLOAT = 339, 3
+_SHORT, _LONG, _LESS_RESOLUTION = 3, 4, 1
+_TIFF = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
+"""Beginnings of TIFF and of BigTIFF, in both byte orders."""
 _MOST_PAGES = 10_000
 _PNG_CHANNELS = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}
 """Samples per pixel by the colour type of a PNG."""
@@ -62,7 +66,7 @@ def picture_count(data: bytes) -> int:
 
     Pages that are smaller copies of others are not counted. Raises `FormatError` for more than 10,000 pages.
     """
-    if data.startswith((b"II*\0", b"MM\0*")):
+    if data.startswith(_TIFF):
         count = 0
         with suppress(struct.error):  # a truncated header is a flaw, but no second picture
             for page in _pages(data):
@@ -76,11 +80,22 @@ def picture_count(data: bytes) -> int:
     return 1
 
 
+def holds_floats(data: bytes) -> bool:
+    """Whether an accepted image is a TIFF with floating-point samples."""
+    if not data.startswith(_TIFF):
+        return False
+    tags, order = next(_pages(data)), "<" if data.startswith(b"II") else ">"
+    kind = tags.get(_FORMAT, 1)
+    if tags.get(_SAMPLES, 1) > (4 if data.startswith(_TIFF[2:]) else 2):
+        (kind,) = struct.unpack_from(f"{order}H", data, kind)
+    return kind == _FLOAT
+
+
 def may_hold_several(beginning: bytes) -> bool:
     """Whether a file that begins so may contain several pictures. A PNG states it before its pixels."""
     if beginning.startswith(_PNG):
         return b"acTL" in beginning or b"IDAT" not in beginning
-    return beginning.startswith((b"II*\0", b"MM\0*", b"RIFF"))
+    return beginning.startswith((*_TIFF, b"RIFF"))
 
 
 def jpeg_header(data: bytes | bytearray) -> tuple[Size, int]:
@@ -144,31 +159,36 @@ def _tiff(data: bytes) -> Size:
 
 def _pages(data: bytes) -> Iterator[Tags]:
     """Yield the tags of each picture of a TIFF file. Raises `FormatError` for a loop."""
-    order = "<" if data.startswith(b"II") else ">"
-    (at,) = struct.unpack_from(f"{order}I", data, 4)
+    order, big = "<" if data.startswith(b"II") else ">", data.startswith(_TIFF[2:])
+    # Where the first directory's offset is, codes of offsets and of the number of tags, and sizes of these.
+    first, offset, number, head, entry_size = (8, "Q", "Q", 8, 20) if big else (4, "I", "H", 2, 12)
+    (at,) = struct.unpack_from(f"{order}{offset}", data, first)
     seen: set[int] = set()
     while at:
         if at in seen or len(seen) >= _MOST_PAGES:
             raise FormatError(f"holds more than {len(seen)} images: give a folder of images")
         seen.add(at)
-        (count,) = struct.unpack_from(f"{order}H", data, at)
-        tags: Tags = {}
-        for entry in range(at + 2, at + 2 + 12 * count, 12):
-            tag, kind = struct.unpack_from(f"{order}HH", data, entry)
-            (tags[tag],) = struct.unpack_from(f"{order}{'H' if kind == _SHORT else 'I'}", data, entry + 8)
+        (count,) = struct.unpack_from(f"{order}{number}", data, at)
+        end, tags = at + head + entry_size * count, Tags()
+        for entry in range(at + head, min(end, len(data)), entry_size):
+            tag, kind, values = struct.unpack_from(f"{order}HH{offset}", data, entry)
+            # Values that do not fit into the entry are elsewhere, and the entry has their offset.
+            short = kind == _SHORT and values <= (4 if big else 2)
+            code = "H" if short else "I" if kind == _LONG and values == 1 else offset
+            (tags[tag],) = struct.unpack_from(f"{order}{code}", data, entry + entry_size - (8 if big else 4))
         yield tags
-        (at,) = struct.unpack_from(f"{order}I", data, at + 2 + 12 * count)
+        (at,) = struct.unpack_from(f"{order}{offset}", data, end)
 
 
 def _pixel_bytes(data: bytes) -> int:
     """Return the bytes of a decoded pixel: more than 3 in a PNG or TIFF with many or deep samples."""
     if data.startswith(_PNG):
         return -(-data[24] * _PNG_CHANNELS.get(data[25], 4) // 8)
-    if not data.startswith((b"II*\0", b"MM\0*")):
+    if not data.startswith(_TIFF):
         return 3
     tags = next(_pages(data))
     samples, bits = tags.get(_SAMPLES, 1), tags.get(_BITS, 1)
-    if samples > 2:  # more than fit into an entry, which then has their offset
+    if samples > (4 if data.startswith(_TIFF[2:]) else 2):  # too many for the entry, which has their offset
         (bits,) = struct.unpack_from("<H" if data.startswith(b"II") else ">H", data, bits)
     return -(-samples * bits // 8)
 
@@ -187,5 +207,5 @@ def _webp(data: bytes) -> Size:
 
 
 _KINDS: tuple[tuple[bytes, Callable[[bytes], Size]], ...] = (
-    (_PNG, _png), (_JPEG, _jpeg), (b"BM", _bmp), (b"II*\0", _tiff), (b"MM\0*", _tiff), (b"RIFF", _webp),
+    (_PNG, _png), (_JPEG, _jpeg), (b"BM", _bmp), *((begin, _tiff) for begin in _TIFF), (b"RIFF", _webp),
 )  # fmt: skip

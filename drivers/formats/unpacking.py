@@ -9,6 +9,7 @@ protocol buffers first. Field numbers are those of onnx.proto (ONNX IR version 8
 import bz2
 import zipfile
 from collections.abc import Callable, Iterable, Iterator
+from pathlib import Path
 from typing import Any
 
 import lz4.frame
@@ -108,6 +109,8 @@ _MERGED = {"model": (7,), "attribute": (5, 6, 22)}
 """Fields that occur once; readers join the contents of several, also their dimensions."""
 _DIMS = {"tensor": 1, "sparse": 3}
 """Field of the dimensions."""
+_ELSEWHERE = 13
+"""Field with a key and value about a tensor that is stored in another file."""
 _ELEMENT_BYTES = 8
 """Size of the largest usual element (double, int64)."""
 _MOST_ELEMENTS = 1 << 62
@@ -117,17 +120,23 @@ _SIZED = {1: 8, 3: 0, 4: 0, 5: 4}
 """Wire types of protocol buffers; those of fixed size with it in bytes. Groups (3, 4) are read as fields."""
 
 
-def check_onnx(where: str, data: bytes) -> None:
+def check_onnx(path: Path, data: bytes) -> None:
     """Raise `FormatError` if the tensors that an ONNX file declares exceed the limit together.
 
-    where: its name. A damaged file is counted up to its damage.
+    Tensors may be stored in other files in its folder; if one is missing, this is an error too. A damaged
+    file is counted up to its damage.
     """
-    total, left = 0, [("model", memoryview(data))]
+    total, left, packed, others = 0, [("model", memoryview(data))], len(data), set[str]()
     while left:
         kind, message = left.pop()
         count = None if kind in _INSIDE else 1
         found: dict[int, list[memoryview]] = {}
         for number, value in _fields(message):
+            if kind == "tensor" and number == _ELSEWHERE and isinstance(value, memoryview):
+                name = _text_of(value, "location")
+                if name not in (None, *others):
+                    others.add(name)
+                    packed += _size_beside(path, name)
             if number in _INSIDE.get(kind, ()) and isinstance(value, memoryview):
                 found.setdefault(number, []).append(value)
             elif count is not None and number == _DIMS[kind]:
@@ -138,7 +147,25 @@ def check_onnx(where: str, data: bytes) -> None:
                 parts = [memoryview(b"".join(parts))]
             left += [(_INSIDE[kind][number], part) for part in parts]
         total += _ELEMENT_BYTES * (count or 0)
-        check_unpacked(where, len(data), total)
+        check_unpacked(str(path), packed, total)
+
+
+def _text_of(entry: memoryview, key: str) -> str | None:
+    """Return the value of an entry of two texts if its key is this, else None."""
+    texts = {number: bytes(value) for number, value in _fields(entry) if isinstance(value, memoryview)}
+    return texts.get(2, b"").decode("utf-8", "replace") if texts.get(1) == key.encode() else None
+
+
+def _size_beside(path: Path, name: str) -> int:
+    """Return the size of a file with tensors in the folder of an ONNX file, bytes. Raises `FormatError`."""
+    other = path.parent / name
+    try:
+        if other.resolve().is_relative_to(path.parent.resolve()):
+            return other.stat().st_size
+        why = "is not in its folder"
+    except (OSError, ValueError):
+        why = "is missing"
+    raise FormatError(f"{path}: its weights are in {name[:100]!a}, which {why}: copy both files together")
 
 
 def _fields(message: memoryview) -> Iterator[tuple[int, int | memoryview]]:

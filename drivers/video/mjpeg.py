@@ -5,10 +5,11 @@ of the server's clock). A server that simulates a sensor names a control address
 (`X-Control`); settings are sent there as JSON, and nowhere else.
 
 `multipart/x-mixed-replace` is MIME multipart (RFC 2046, 5.1) in which each part replaces the last. Servers
-differ: with or without Content-Length, quoted boundaries, boundaries announced with their leading dashes,
-bare line feeds. Only a stream without any part raises an error. Existing readers do not fit: OpenCV's video
-capture returns neither the bytes as received nor the part's headers, and parsers of MIME multipart deliver a
-part only after the next delimiter, which many cameras send with the next image, one period later.
+differ: with or without Content-Length, or with one that is too small, quoted boundaries, boundaries announced
+with their leading dashes or other than those that are sent, bare line feeds. Only a stream without any part
+raises an error. Existing readers do not fit: OpenCV's video capture returns neither the bytes as received nor
+the part's headers, and parsers of MIME multipart deliver a part only after the next delimiter, which many
+cameras send with the next image, one period later.
 """
 
 import base64
@@ -34,6 +35,8 @@ MAX_HEADER = 16_384
 MAX_PART = 16_777_216
 """Size limit of the body of one part, bytes."""
 _HEADER_END = re.compile(rb"\r?\n\r?\n")
+_OTHER_DELIMITER = re.compile(rb"--[^\r\n]{1,70}(?=\r?\ncontent-(type|length):)", re.IGNORECASE)
+"""A delimiter line with the first header of its part."""
 _JPEG_START, _JPEG_END = b"\xff\xd8", b"\xff\xd9"
 _RETURN = 0x0D
 """Byte of a carriage return."""
@@ -74,6 +77,7 @@ class MultipartParser:
         self._buffer = bytearray()
         self._headers: dict[str, str] | None = None
         self._searched = self._coded = 0
+        self._confirmed = False
 
     def feed(self, data: bytes) -> Iterator[Part]:
         """Add bytes; yield the parts that they complete. Raises `DeviceError` if there are no parts."""
@@ -90,6 +94,9 @@ class MultipartParser:
 
     def _find_headers(self) -> bool:
         """Read up to a part's body; return False while the header is incomplete."""
+        if not self._confirmed and self._buffer.find(self._delimiter) < 0:
+            if found := _OTHER_DELIMITER.search(self._buffer):
+                self._delimiter = found[0]
         while (start := self._buffer.find(self._delimiter)) >= 0:
             line_end = self._buffer.find(b"\n", start)
             end = _HEADER_END.search(self._buffer, line_end - 1 if line_end > 0 else len(self._buffer))
@@ -99,6 +106,7 @@ class MultipartParser:
             if end is not None and end.start() - start <= MAX_HEADER:
                 if self._delimiter == b"--":
                     self._delimiter = bytes(self._buffer[start:line_end]).rstrip()
+                self._confirmed = True
                 self._headers = _headers(bytes(self._buffer[line_end + 1 : max(end.start(), line_end + 1)]))
                 self._drop(end.end())
                 return True
@@ -110,6 +118,11 @@ class MultipartParser:
         text = (self._headers or {}).get("content-length", "")
         length = int(text) if text.isascii() and text.isdecimal() and len(text) < 12 else 0
         announced = length if 0 < length <= MAX_PART else None
+        if announced is not None and len(self._buffer) >= announced:
+            body = self._buffer[:announced]
+            # A JPEG that does not end there: some servers announce too few bytes.
+            cut = body.startswith(_JPEG_START) and not body.rstrip(b"\r\n\0").endswith(_JPEG_END)
+            announced = None if cut else announced
         end = announced if announced is not None else self._body_end()
         if end is None or len(self._buffer) < end:
             if len(self._buffer) > MAX_PART:
@@ -267,6 +280,14 @@ def _request(
         headers["Authorization"] = "Basic " + base64.b64encode(login.encode()).decode()
     connection.request(method, path, body, headers)
     response = connection.getresponse()
+    if response.status == http.client.UNAUTHORIZED:
+        why = "asks for a name and password" if parts.username is None else "rejects the name or the password"
+        raise DeviceError(
+            f"the server {why}: give them in the address, as http://NAME:PASSWORD@HOST:PORT/PATH"
+        )
+    if (place := response.getheader("Location")) and 300 <= response.status < 400:
+        here = parts._replace(netloc=parts.netloc.rpartition("@")[2]).geturl()
+        raise DeviceError(f"the stream has moved: give the address {without_passwords(urljoin(here, place))}")
     if response.status != http.client.OK:
         raise DeviceError(f"the server answers {response.status} {response.reason}; check the address")
     return response

@@ -17,7 +17,7 @@ import cv2
 
 from drivers.errors import InputError, counted
 from rig.benchmark.measured import NONE, Measured
-from rig.experiments.process_pool import run_tasks
+from rig.experiments.process_pool import runner
 from rig.frames.masks import make_folder
 from rig.sessions.codec import Codec, json_line, json_value
 from rig.sessions.files import append_line, drop_torn_line
@@ -131,7 +131,7 @@ class Study(Generic[Options]):
     options: type[Options]  # its own options, a frozen dataclass
     measure: "Callable[[Options, Run], Report]"  # carries out the study; its docstring is the command's help
     cases: str  # name of the cases in the progress, in the plural
-    shared: tuple[str, ...] = ("jobs", "seed")  # its options, of out, resume, readme, jobs and seed
+    shared: tuple[str, ...] = ("jobs", "seed")  # its options, of out, resume, readme, jobs, seed and engine
     section: Callable[[Options], str] | None = None  # name of its section in a document, if not its name
     keeps_results: bool = False  # results are stored, in a default folder if --out is not given
     simulated: bool = True  # marks the JSON
@@ -155,6 +155,7 @@ class Run:
     resume: bool = False
     progress: Callable[[int, int, str], None] = lambda *_: None  # finished cases, all, note on the last one
     say: Callable[[str], None] = lambda _: None  # prints a line for the user
+    engine: str | None = None  # dask cluster that runs the cases
 
     @property
     def workers(self) -> int:
@@ -190,7 +191,7 @@ class Run:
         before = {} if stored is None else self.stored(stored, common)
         found = {each: result for each, result in before.items() if each in names}
         left = [case for case in cases if name(case) not in found]
-        for case, result in run_tasks(work, left, workers or self.workers):
+        for case, result in runner(self.engine, workers or self.workers)(work, left):
             note = name(case) if finish is None else finish(case, result)
             found[name(case)] = result
             if self.folder is not None and stored is not None:

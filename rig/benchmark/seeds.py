@@ -77,6 +77,7 @@ def measure(options: SeedsOptions, run: Run) -> Report:
       rig benchmark seeds --full --out seeds --resume
       rig benchmark seeds --bench hard --readme docs/measurements.md
       rig benchmark seeds --bench my_twin.toml --seeds 1
+      rig benchmark seeds --full --engine dask://HOST:PORT --out seeds --resume
     """
     bench = load_calibrated_bench(options.bench, run.say)
     if not bench.in_process:
@@ -168,5 +169,5 @@ def section(options: SeedsOptions) -> str:
     return f"seeds {load_calibrated_bench(options.bench, lambda _: None).name}"
 
 
-SHARED = ("out", "resume", "readme", "jobs", "seed")
+SHARED = ("out", "resume", "readme", "jobs", "seed", "engine")
 STUDY = Study("seeds", SeedsOptions, measure, "lifts", SHARED, section, keeps_results=True)

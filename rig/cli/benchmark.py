@@ -17,7 +17,7 @@ from typer.main import get_command
 from drivers.errors import InputError
 from rig.cli.common import Exit, emit_json, report_faults, say
 from rig.cli.helping import Commands, Group
-from rig.cli.options import JsonOption, SeedOption
+from rig.cli.options import EngineOption, JsonOption, SeedOption
 from rig.declared import file_place, folder_place, option, option_parameters, set_signature
 
 if TYPE_CHECKING:
@@ -61,6 +61,7 @@ class SharedOptions:
     )
     jobs: int | None = option(None, "Lifts in parallel. Default: one per core.", min=1, max=64)
     seed: SeedOption = 0
+    engine: EngineOption = None
     json: JsonOption = False
 
 
@@ -96,7 +97,7 @@ def _carry_out(study: "Study[Any]", options: Any, shared: SharedOptions) -> None
     seed, place = f", seed {shared.seed}" if "seed" in study.shared else "", f", results in {folder}"
     say(f"{'SIMULATED ' * study.simulated}benchmark {study.name}{seed}{place if folder else ''}")
     with WorkProgress(0, study.cases) as progress:
-        run = Run(shared.seed, shared.jobs, folder, shared.resume, progress.show, say)
+        run = Run(shared.seed, shared.jobs, folder, shared.resume, progress.show, say, shared.engine)
         report = study.measure(options, run)
     wall_s = time.perf_counter() - began
     _print(report, wall_s, shared.json)

@@ -32,7 +32,7 @@ from rig.cli.teach import teach
 from rig.cli.train import estimators, model, train, train_angle, train_turning
 from rig.cli.trial import trial
 from rig.terminal.screen import Output, begin_phase, guarded_output, plain
-from rig.version import VERSION
+from rig.version import version_text
 
 app = Commands(
     name="rig",
@@ -48,7 +48,7 @@ app = Commands(
 
 def _version(asked: bool) -> None:
     if asked:
-        print(f"rig {VERSION}")
+        print(f"rig {version_text()}")
         raise typer.Exit
 
 

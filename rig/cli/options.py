@@ -17,6 +17,10 @@ TopicOption = Annotated[
     str | None,
     typer.Option("--topic", help="Image topic of a ROS bag. Default: its image topic, if there is only one."),
 ]
+EngineOption = Annotated[
+    str | None,
+    typer.Option("--engine", help="Run on a dask cluster: dask://HOST:PORT. Default: this computer."),
+]
 SeedOption = Annotated[
     int, typer.Option("--seed", min=0, help="Seed of all random numbers, also of the simulation.")
 ]

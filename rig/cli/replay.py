@@ -6,7 +6,7 @@ from pathlib import Path
 
 from drivers.errors import EstimatorError, InputError, counted
 from rig.cli.common import emit_json, mark, report_broken, report_faults, say, trial_jobs
-from rig.cli.options import JsonOption, ResumeOption, SessionOptions
+from rig.cli.options import EngineOption, JsonOption, ResumeOption, SessionOptions
 from rig.cli.results import print_results, trial_table
 from rig.declared import argument, folder_place, option
 from rig.terminal.progress import WorkProgress
@@ -27,7 +27,7 @@ class ReplayOptions:
         callback=folder_place,
     )
     resume: ResumeOption = False
-    engine: str | None = option(None, "Run on a dask cluster: dask://HOST:PORT. Default: this computer.")
+    engine: EngineOption = None
     json: JsonOption = False
 
 
@@ -68,7 +68,9 @@ def _replay_one(session: Path, options: ReplayOptions) -> None:
     wall_s = time.perf_counter() - began
     trial_table(result.summary, simulated, wall_s, to_stderr=options.json)
     if result.identical is not None:
-        say(f"{result.identical} of {counted(len(result.rows), 'lift')} exactly as stored")
+        partly = "; --markers-only has stored parts of the camera's pictures, so true angles differ slightly"
+        partly = partly if trial.manifest.markers_only and result.identical < len(result.rows) else ""
+        say(f"{result.identical} of {counted(len(result.rows), 'lift')} exactly as stored{partly}")
     if options.json:
         figures = {**result.summary.as_json(), "wall_s": round(wall_s, 2), "identical": result.identical}
         emit_json({"session": str(session), "estimator": choice.name, **figures})

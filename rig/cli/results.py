@@ -1,5 +1,6 @@
 """`rig results`: summarize a results table of many lifts. Also prints the tables of other commands."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -12,6 +13,7 @@ from rig.cli.options import JsonOption
 if TYPE_CHECKING:
     from rich.table import Table
 
+    from rig.results.limits import Judged
     from rig.results.summary import TrialSummary
     from rig.sessions.table_files import Line
 
@@ -94,6 +96,18 @@ def trial_table(summary: "TrialSummary", simulated: str, wall_s: float, to_stder
     if summary.reacting:
         console.print(reaction_text(summary.reacting))
     console.print(f"{wall_s:.1f} s for {summary.bench_s:.1f} s of {simulated.lower()}bench time")
+
+
+def print_limits(found: "Sequence[Judged]", to_stderr: bool = False) -> None:
+    """Print a row per limit; nothing without limits."""
+    from rig.results.limits import LIMIT_HEADINGS, limit_rows
+    from rig.terminal.tables import console_table, table_console
+
+    if found:
+        missed = sum(not one.met for one in found)
+        verdict = f"{missed} of {len(found)} missed" if missed else "all kept"
+        title = f"limits: {verdict}"
+        table_console(to_stderr).print(console_table(LIMIT_HEADINGS, limit_rows(found), (0, 1, 3), title))
 
 
 def object_table(summary: "TrialSummary", simulated: str, react: str = "none") -> "Table":

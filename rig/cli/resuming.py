@@ -110,8 +110,7 @@ def lifts_done(folder: Path, wanted: int, jobs: int) -> tuple[int, float | None]
     """
     from statistics import fmean
 
-    from rig.report.session import read_timing
-    from rig.sessions.rows import read_lifts
+    from rig.sessions.rows import read_lifts, read_timing
 
     begun = _holds_results(folder)
     done = sum(row.accepted for row in read_lifts(folder)) if begun else 0

@@ -54,7 +54,7 @@ class ListOptions:
 
 
 def sessions(options: ListOptions) -> None:
-    """List sessions with date, kind, objects, lifts, MARE, contact area and size; report broken ones.
+    """List sessions with date, objects, estimator, MARE, limits, contact area and size; report broken ones.
 
     A session is broken if a recording or image is missing, or if its checksum differs. With more than 20
     sessions, checksums are compared only with --check. With --check the exit code is 2 if a session is
@@ -66,15 +66,21 @@ def sessions(options: ListOptions) -> None:
       rig sessions --check
       rig sessions /data/2026 --page sessions.html
     """
+    from rig.sessions.files import RECORDINGS
     from rig.terminal.tables import console_table, table_console
 
     entries, folder = _selected(options), options.folder
     console, columns = table_console(to_stderr=options.json), _columns(entries)
     if entries:
-        left = [i for i, name in enumerate(columns) if name not in ("done", "MB")]
+        left = [i for i, name in enumerate(columns) if name not in ("done", "refused", "MB")]
         about = "MARE over phases B and C, degrees; contact: median area by fingertip, px"
         rows = list(zip(*columns.values(), strict=True))
         console.print(console_table(list(columns), rows, left, f"sessions in {folder}; {about}"))
+        size_mb = sum(entry.size_bytes for entry in entries) / MB
+        console.print(
+            f"{counted(len(entries), 'session')}, {size_mb:,.0f} MB. To free the disk, delete the folder "
+            f"{RECORDINGS} of a complete session: its results and report stay, but rig replay needs it."
+        )
     else:
         such = "such " if options.tags or options.objects else ""
         console.print(f"{folder}: no {such}session here")
@@ -139,7 +145,7 @@ def _listed(folder: Path, check: bool | None) -> "list[SessionEntry]":
     return sorted((entry for _, entries in listed for entry in entries), key=lambda entry: entry.folder)
 
 
-_IF_ANY = ("name", "tags", "operator", "reaction", "contact")
+_IF_ANY = ("name", "tags", "operator", "estimator", "reaction", "refused", "limits", "contact")
 """Columns that are left out if no session has a value."""
 
 
@@ -156,9 +162,12 @@ def _columns(entries: "list[SessionEntry]") -> dict[str, list[str]]:
         "kind": lambda entry: entry.manifest.kind if entry.manifest else "",
         "bench": lambda entry: entry.bench_text,
         "objects": lambda entry: entry.objects_text,
+        "estimator": lambda entry: entry.estimator_text,
         "reaction": lambda entry: entry.react,
         "done": lambda entry: f"{entry.done}/{entry.wanted}" if entry.wanted else str(entry.done),
         "MARE": lambda entry: mare_text(entry.mare) if entry.mare else "",
+        "refused": lambda entry: str(entry.mare.refused) if entry.mare and entry.mare.refused else "",
+        "limits": lambda entry: entry.limits_text,
         "contact": lambda entry: ", ".join(f"{area_px:.0f}" for area_px in entry.contact_area_px.values()),
         "MB": lambda entry: f"{entry.size_bytes / MB:.1f}",
         "state": lambda entry: entry.state.value,

@@ -5,7 +5,7 @@ from dataclasses import fields
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from calibration.camera.model import CameraModel
 from calibration.gel.look import GelLook
@@ -185,13 +185,39 @@ class FaultConfig(BenchSection):
     attempt: int | None = 0
 
 
+class LimitConfig(BenchSection):
+    """A limit of a figure of each lift or of the session, for all objects or one: `rig.results.limits`."""
+
+    figure: str
+    lower: float | None = None
+    upper: float | None = None
+    unit: str | None = None
+    """Unit of both, which must be the figure's."""
+    object: str | None = None
+    """Id or name."""
+
+    @model_validator(mode="after")
+    def _require_range(self) -> "LimitConfig":
+        if self.lower is None and self.upper is None:
+            raise ValueError("needs lower, upper or both")
+        if self.lower is not None and self.upper is not None and self.lower > self.upper:
+            raise ValueError("lower is above upper")
+        return self
+
+
+class LimitsFile(BenchSection):
+    """The file of `--limits`."""
+
+    limits: Annotated[tuple[LimitConfig, ...], Field(min_length=1)]
+
+
 DeviceConfig = ArmConfig | GripperConfig | TactileConfig | CameraConfig
 
 
 class BenchConfig(BenchParts):
     """One bench file. Reading a section that it lacks raises `InputError`."""
 
-    later = frozenset({"difficulty", "keep_out", "objects", "reactions_allowed", *SECTIONS})
+    later = frozenset({"difficulty", "keep_out", "limits", "objects", "reactions_allowed", *SECTIONS})
     name: FileName
     reactions_allowed: bool | None = None
     """Whether arm and fingers may react to slip automatically; by default only in simulation."""
@@ -205,6 +231,8 @@ class BenchConfig(BenchParts):
     keep_out: tuple[KeepOutConfig, ...] = ()
     fakes: FakesConfig | None = None
     faults: tuple[FaultConfig, ...] = ()
+    limits: tuple[LimitConfig, ...] = ()
+    """Limits of figures, which decide whether lifts and sessions pass."""
     calibrations: CalibrationsInUse = CalibrationsInUse()
     """Measured values that replace the nominal ones above; found beside the file, never in it."""
     objects: tuple[GraspFile, ...] = ()

@@ -17,7 +17,7 @@ from protocols.slip_trial import run_lift
 from rig.bench.source import BenchSource, FreshBenches
 from rig.experiments.attempts import Attempt, fault_text
 from rig.experiments.lift_plan import LiftTask, TrialSettings, new_measurement, planned_lift
-from rig.lift.recording import FrameDelays, LiftObservers, OutlineObserver
+from rig.lift.recording import FrameDelays, LiftObservers, MarkerPictures, OutlineObserver
 from rig.lift.result import lift_result, stage_times
 from rig.lift.slip_watch import SlipWatch
 from rig.live.feed import Listener
@@ -54,8 +54,9 @@ def attempt_lift(
     benches = benches or FreshBenches(settings.bench, settings.realtime)
     plan, lift = planned_lift(settings, task)
     file = None if folder is None else new_recording(folder, task.recording)
-    recorder = None if file is None else LiftRecorder(file, _about(settings, lift))
     measurement = new_measurement(settings)
+    stored = {"jpeg": MarkerPictures(measurement).jpeg} if settings.markers_only else {}
+    recorder = None if file is None else LiftRecorder(file, _about(settings, lift), **stored)
     reaction = _reaction(settings, task, measurement.watch)
     shown = LiveObserver(measurement, live, lift) if live else None
     delays: FrameDelays | None = None

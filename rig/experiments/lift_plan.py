@@ -87,7 +87,10 @@ def all_tasks(objects: Sequence[str], lifts: int) -> list[LiftTask]:
 
 @dataclass(frozen=True, slots=True)
 class TrialSettings:
-    """Settings that all lifts of a trial share."""
+    """Settings that all lifts of a trial share.
+
+    markers_only: store only the surroundings of the markers of the external camera's pictures.
+    """
 
     bench: BenchConfig
     seed: int
@@ -95,6 +98,7 @@ class TrialSettings:
     realtime: bool = False
     react: ReactionKind = ReactionKind.NONE
     slip: SlipSettings = field(default_factory=SlipSettings)
+    markers_only: bool = False
 
 
 def plan_lift(settings: TrialSettings, task: LiftTask, base_T_table: Pose) -> LiftPlan:  # noqa: N803

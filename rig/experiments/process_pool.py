@@ -5,9 +5,9 @@ The workers of the cluster need this product installed and see the sessions unde
 
 import multiprocessing
 import socket
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Future, ProcessPoolExecutor, wait
-from typing import Any, TypeVar
+from typing import TypeVar
 
 from drivers.children import end_with_parent, leave_signals_to_parent, spawn_context
 from drivers.errors import InputError, RigError
@@ -74,43 +74,52 @@ def engine_address(engine: str) -> str:
     return f"tcp://{host}:{port}"
 
 
-def runner(engine: str | None, jobs: int) -> Callable[[Callable[[Any], Any], list[Any]], Iterable[Any]]:
+def runner(
+    engine: str | None, jobs: int
+) -> Callable[[Callable[[Task], Result], list[Task]], Iterator[tuple[Task, Result]]]:
     """Return a function that executes tasks: in `jobs` processes of this computer, or on a cluster.
 
-    Raises `InputError` for an invalid engine.
+    It yields each task with its result. Raises `InputError` for an invalid engine.
     """
     if engine is None:
-        return lambda work, tasks: (result for _, result in run_tasks(work, tasks, jobs))
+        return lambda work, tasks: run_tasks(work, tasks, jobs)
     engine_address(engine)
     return lambda work, tasks: run_on_cluster(engine, work, tasks)
 
 
-def run_on_cluster(engine: str, work: Callable[[Task], Result], tasks: list[Task]) -> Iterator[Result]:
-    """Yield the tasks' results as the cluster's workers finish, in any order.
+def run_on_cluster(
+    engine: str, work: Callable[[Task], Result], tasks: Sequence[Task]
+) -> Iterator[tuple[Task, Result]]:
+    """Yield tasks and results as the cluster's workers finish, in any order.
 
-    Raises `InputError` if the cluster does not answer or the libraries are missing.
+    The tasks of a worker that is lost are done again by another one. Raises `InputError` if the cluster does
+    not answer or the library is missing, and `RigError` for a task that has ended several workers.
     """
     try:
-        import joblib
-        from distributed import Client
+        from distributed import Client, KilledWorker, as_completed
     except ImportError as error:
-        raise InputError(
-            '--engine needs joblib and distributed: pip install "visuotactile-slip-rig[cluster]"'
-        ) from error
+        raise InputError('--engine needs dask: pip install "visuotactile-slip-rig[cluster]"') from error
     address = engine_address(engine)
     host, _, port = address.removeprefix("tcp://").rpartition(":")
     try:
         # Raises immediately if the scheduler is not listening; dask would retry until its time-out.
         socket.create_connection((host.strip("[]"), int(port)), CONNECT_TIMEOUT_S).close()
-        client = Client(address, timeout=CONNECT_TIMEOUT_S, set_as_default=True)
+        client = Client(address, timeout=CONNECT_TIMEOUT_S)
     except (OSError, TimeoutError) as error:
         raise InputError(
             f"--engine: no dask scheduler answers at {address} ({error}); start one with `dask scheduler`"
         ) from error
-    with client, joblib.parallel_config(backend="dask"):
+    with client:
         if not client.scheduler_info()["workers"]:
             raise InputError(
                 f"--engine: the cluster at {address} has no workers; start some with `dask worker`"
             )
-        run: Any = joblib.Parallel(return_as="generator_unordered")
-        yield from run(joblib.delayed(work)(task) for task in tasks)
+        running = dict(zip(client.map(work, tasks, pure=False), tasks, strict=True))
+        for future in as_completed(list(running)):
+            try:
+                yield running.pop(future), future.result()
+            except KilledWorker as error:
+                raise RigError(
+                    f"--engine: a task has ended several workers of {address} (out of memory?); finished "
+                    "tasks are kept: continue with --resume and workers with more memory"
+                ) from error

@@ -120,8 +120,8 @@ class ReplayPlan:
     left_out: tuple[tuple[Path, str], ...]
 
 
-Runner = Callable[[Callable[[ReplayTask], Line], list[ReplayTask]], Iterable[Line]]
-"""Executes tasks and yields their rows as they finish."""
+Runner = Callable[[Callable[[ReplayTask], Line], list[ReplayTask]], Iterable[tuple[ReplayTask, Line]]]
+"""Executes tasks and yields them with their rows as they finish."""
 
 
 def gather_sessions(paths: list[Path]) -> list[Path]:
@@ -172,7 +172,7 @@ def run_replays(
         session.keep()
         done = {_key(row): row for row in session.rows if not row["problem"]}
         todo = [task for task in plan.tasks if task.key not in done]
-        for row in run(replay_task, todo):
+        for _, row in run(replay_task, todo):
             key = _key(row)
             session.add(row, ReplayTiming(session=key[0], number=key[1]))
             done[key] = row

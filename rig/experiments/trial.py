@@ -49,6 +49,7 @@ def trial_manifest(
         react=settings.react,
         false_alarms_per_hour=settings.slip.false_alarms_per_hour,
         max_turn_deg=settings.slip.max_turn_deg,
+        markers_only=settings.markers_only,
     )
 
 

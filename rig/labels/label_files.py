@@ -5,6 +5,7 @@ x, y in pixels; `imageData` is empty if the image is beside the file. COCO: one 
 the instance annotations of https://cocodataset.org/#format-data; ids count from 1.
 """
 
+import base64
 import math
 import os
 from collections.abc import Iterator, Sequence
@@ -12,11 +13,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 
 from drivers.errors import FormatError, InputError
-from drivers.formats import read_json, shown
-from drivers.images import encode_png, require_same_aspect
+from drivers.formats import MOST_PIXELS, read_json, shown
+from drivers.images import decode_image, encode_png, require_same_aspect
 from drivers.types import Image
 from rig.labels.polygons import Polygon, mask_polygons, polygon_area, polygons_mask
 from rig.sessions.files import write_file, write_json
@@ -70,17 +72,38 @@ def labelme_mask(document: dict[str, Any], shape: tuple[int, int], where: str) -
     drawn_on = document.get("imageWidth") or shape[1], document.get("imageHeight") or shape[0]
     if not all(isinstance(side, int | float) and side > 0 for side in drawn_on):
         raise InputError(f"{where}: the size of its image is {shown(drawn_on)}: save it again in LabelMe")
-    polygons = []
+    polygons, painted = [], []
     for number, entry in enumerate(document["shapes"], start=1):
         if isinstance(entry, dict) and entry.get("label", "") in _BACKGROUND_LABELS:
             continue
         name = f"{where}, shape {number}"
+        if isinstance(entry, dict) and entry.get("shape_type") == "mask":
+            painted.append(_painted(entry, (math.ceil(drawn_on[0]), math.ceil(drawn_on[1])), name))
+            continue
         share = _corners(entry, name) / np.array(drawn_on)
         if np.abs(share - 0.5).max() > 0.5 + _FAR:
             raise InputError(f"{name}: a point lies far outside its image: draw it again in LabelMe")
         polygons.append(share * np.array([shape[1], shape[0]]))
     require_same_aspect(where, drawn_on, shape)
-    return polygons_mask(polygons, (shape[1], shape[0]))
+    mask = polygons_mask(polygons, (shape[1], shape[0]))
+    for part in painted:
+        mask |= np.asarray(cv2.resize(part, (shape[1], shape[0]), interpolation=cv2.INTER_NEAREST), np.uint8)
+    return mask
+
+
+def _painted(entry: dict[str, Any], size: tuple[int, int], where: str) -> Image:
+    """Return a shape that is a mask, a PNG of the part between its two points, as (H, W) uint8, 0 or 255."""
+    try:
+        part = decode_image(base64.b64decode(entry["mask"], validate=True), grey=True)
+        (left, top), _ = np.rint(np.asarray(entry["points"], np.float64).reshape(2, 2)).astype(int).tolist()
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
+        raise InputError(f"{where}: its mask cannot be read: draw it again in LabelMe") from error
+    inside = min(left, top) >= 0 and size[0] * size[1] <= MOST_PIXELS
+    if part is None or not inside or left + part.shape[1] > size[0] or top + part.shape[0] > size[1]:
+        raise InputError(f"{where}: its mask does not lie in its image: draw it again in LabelMe")
+    canvas = np.zeros((size[1], size[0]), np.uint8)
+    canvas[top : top + part.shape[0], left : left + part.shape[1]] = 255 * (part > 0)
+    return canvas
 
 
 def _corners(entry: Any, where: str) -> Polygon:
@@ -99,7 +122,7 @@ def _corners(entry: Any, where: str) -> Polygon:
         radius = math.dist(points[0], points[1])
         turn = np.linspace(0.0, 2.0 * np.pi, _CIRCLE_CORNERS, endpoint=False)
         return points[0] + radius * np.column_stack([np.cos(turn), np.sin(turn)])
-    if kind == "polygon" and len(points) >= 3:
+    if (kind == "polygon" and len(points) >= 3) or (kind == "rectangle" and len(points) == 4):
         return points
     raise InputError(
         f"{where}: a {shown(kind)} of {len(points)} points encloses nothing: draw a polygon in LabelMe"

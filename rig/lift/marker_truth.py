@@ -77,6 +77,11 @@ class MarkerTruth:
         self._angles: list[SlipSample] = []
         self._before: list[_Sighting] = []
 
+    def newest_corners(self, since_ns: int) -> Corners | None:
+        """Return the (2, 4, 2) px corners in the newest picture that shows both markers, None if older."""
+        newest = self._sightings[-1] if self._sightings else None
+        return None if newest is None or newest.time_ns < since_ns else newest.corners_px
+
     def update(self, image: Image, time_ns: int, base_T_tcp: Pose) -> Corners | None:  # noqa: N803
         """Process one picture, (H, W, 3) uint8 RGB or (H, W) uint8 grey, captured at `time_ns`.
 

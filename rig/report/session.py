@@ -12,12 +12,12 @@ from drivers.errors import InputError, RigError, SessionError, counted
 from drivers.progress import steps
 from rig.report.parts import Notice, joined
 from rig.sessions.codec import Codec
-from rig.sessions.files import RESULTS, TIMING
+from rig.sessions.files import RESULTS
 from rig.sessions.manifest import TrialManifest
 from rig.sessions.reading import read_angles
 from rig.sessions.recording_file import recording_gaps
-from rig.sessions.records import LIFT_TIMINGS, LIFTS, Lift, LiftTiming, finished
-from rig.sessions.rows import readable_rows
+from rig.sessions.records import LIFTS, Lift, LiftTiming, finished
+from rig.sessions.rows import read_timing, readable_rows
 
 Record = TypeVar("Record")
 UNREADABLE = (
@@ -114,11 +114,6 @@ def read_usable(path: Path, codec: Codec[Record]) -> tuple[list[Record], list[No
     what = f"{path.name}: {len(damaged)} of {counted(len(damaged) + len(rows), 'line')} damaged ({where})."
     advice = "They are not in any figure. Copy the file again from the rig's disk, or remove those lines."
     return rows, [Notice("bad", what, advice)]
-
-
-def read_timing(folder: Path) -> list[LiftTiming]:
-    """Return the readable rows of a trial's `timing.jsonl`; none if it is missing."""
-    return readable_rows(folder / TIMING, LIFT_TIMINGS)[0]
 
 
 def _why(error: BaseException) -> str:

@@ -17,7 +17,7 @@ from rig.report.write import REPORT, write_page
 from rig.results.listing import SessionEntry
 from rig.results.metrics import INTERVAL, Mare, mare_text
 
-CHOSEN = ("kind", "bench", "objects", "tags", "operator", "reaction", "state")
+CHOSEN = ("kind", "bench", "objects", "estimator", "tags", "operator", "reaction", "limits", "state")
 """Columns in which the reader can choose a value."""
 
 
@@ -31,7 +31,7 @@ def write_sessions(
     """
     names = [_link(text, entry.folder, page) for text, entry in zip(columns["session"], entries, strict=True)]
     rows = [list(row) for row in zip(names, *list(columns.values())[1:], strict=True)]
-    text = [number for number, name in enumerate(columns) if name not in ("done", "MB", "MARE")]
+    text = [number for number, name in enumerate(columns) if name not in ("done", "refused", "MB", "MARE")]
     chosen = {number: "choose" for number, name in enumerate(columns) if name in CHOSEN}
     charts = []
     for simulated, what in ((False, "real benches"), (True, "SIMULATED benches")):
@@ -82,9 +82,10 @@ def _began(entry: SessionEntry) -> datetime | None:
 
 
 def _link(text: str, folder: Path, page: Path) -> str:
-    """Return the name of a session, as a link to its report if it has one."""
+    """Return the name of a session with its folder, as a link to its report if it has one."""
     report = folder / REPORT
+    named = Markup('<span data-session="{}">{}</span>').format(str(folder), text)
     if not report.is_file():
-        return text
+        return named
     place = Path(os.path.relpath(report, page.parent)).as_posix()
-    return Markup('<a href="{}">{}</a>').format(quote(place), text)
+    return Markup('<a href="{}">{}</a>').format(quote(place), named)

@@ -22,13 +22,13 @@ from drivers.named_classes import is_class_name
 from rig.experiments.lift_plan import TrialSettings, trial_of
 from rig.experiments.process_pool import run_tasks
 from rig.experiments.replay import replay_lift
-from rig.report.session import UNREADABLE, read_timing, read_usable
+from rig.report.session import UNREADABLE, read_usable
 from rig.sessions.codec import json_line
 from rig.sessions.files import MANIFEST, RESULTS, append_line, drop_torn_line, state_folder
 from rig.sessions.manifest import TrialManifest, is_session, read_manifest_of
 from rig.sessions.reading import read_angles
 from rig.sessions.records import FIGURES, LIFTS, Lift, finished
-from rig.sessions.rows import read_usable_lifts, readable_rows
+from rig.sessions.rows import read_timing, read_usable_lifts, readable_rows
 from rig.tactile.angles import FUSED, MARKERS, Angles
 from rig.tactile.estimators import ESTIMATORS
 

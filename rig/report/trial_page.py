@@ -29,6 +29,7 @@ from rig.report.parts import (
 )
 from rig.report.session import UNREADABLE, Trial, with_angles
 from rig.report.strips import Still, stored_images, strip
+from rig.results.limits import LIMIT_HEADINGS, judged, limit_rows
 from rig.results.metrics import FEWEST_LIFTS, INTERVAL, Floats, mare_of, mare_text, summarize
 from rig.results.summary import TrialSummary, summarize_trial
 from rig.sessions.records import SHOWN, Lift, LiftOutcome, LiftTiming, StageTimes, totals
@@ -69,6 +70,7 @@ def trial_page(trial: Trial, other: Trial | None = None, now: datetime | None = 
             for notice in trial_notices(trial, now)
         ],
         objects=objects,
+        limits=_limit_table(trial),
         fingertips=fingertip_table(trial.lifts) if lifts else None,
         reacted=None if other is None else beside(trial, other),
         charts=figures,
@@ -85,6 +87,14 @@ def trial_page(trial: Trial, other: Trial | None = None, now: datetime | None = 
         made=made_text(now),
     )
     return ReportPage(with_films(page, trial), [*figures, *lifts], objects, trial.manifest.simulated)
+
+
+def _limit_table(trial: Trial) -> Table | None:
+    """Return the table of limits, None without any."""
+    found = judged(trial.manifest.config.limits, trial.rows, trial.timing)
+    headings = list(enumerate(LIMIT_HEADINGS))
+    columns = {name: (lambda row, place=place: row[place]) for place, name in headings}
+    return table_of(limit_rows(found), columns, text=(0, 1, 3)) if found else None
 
 
 def object_table(summary: TrialSummary) -> Table:

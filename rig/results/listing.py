@@ -12,6 +12,7 @@ from drivers.errors import InputError, SessionError
 from drivers.images import image_flaw
 from protocols.grasps import find_grasp_file
 from protocols.reaction import ReactionKind
+from rig.results.limits import judged
 from rig.results.metrics import Mare, mare_of
 from rig.results.table import REPLAYS
 from rig.sessions.about import NO_REMARKS, Remarks
@@ -25,7 +26,7 @@ from rig.sessions.manifest import (
 )
 from rig.sessions.recording_file import check_recording
 from rig.sessions.records import LIFTS, finished
-from rig.sessions.rows import read_poses, read_rows, rows_and_problems
+from rig.sessions.rows import read_poses, read_rows, read_timing, rows_and_problems
 from rig.sessions.session import in_use
 
 
@@ -35,6 +36,7 @@ class SessionState(StrEnum):
     COMPLETE = "complete"
     RUNNING = "running"
     UNFINISHED = "unfinished"
+    THINNED = "without recordings"
     BROKEN = "broken"
 
 
@@ -45,6 +47,7 @@ class SessionEntry:
     problem: why the session is broken; None if it is not. done: number of accepted lifts of a trial, or poses
     of a recording. mare: over phases B and C, of the session's own estimator; None without any error.
     contact_area_px: median area of the contacts by serial, of lifts or images; empty for replays.
+    limits_missed: number of figures that miss their limit; None without limits.
     """
 
     folder: Path
@@ -55,6 +58,7 @@ class SessionEntry:
     done: int = 0
     mare: Mare | None = None
     contact_area_px: Mapping[str, float] = field(default_factory=dict)
+    limits_missed: int | None = None
 
     @property
     def bench_manifest(self) -> TrialManifest | RecordManifest | None:
@@ -100,6 +104,18 @@ class SessionEntry:
         return "" if kind is ReactionKind.NONE else kind.value
 
     @property
+    def estimator_text(self) -> str:
+        """The estimator of a trial or replay with its window, for a table; empty for others."""
+        name, window = getattr(self.manifest, "estimator", None), getattr(self.manifest, "window", None)
+        return "" if name is None else name if window in (None, 1) else f"{name}, window {window}"
+
+    @property
+    def limits_text(self) -> str:
+        """Whether the limits of the session are kept, for a table; empty without limits."""
+        missed = self.limits_missed
+        return "" if missed is None else f"{missed} missed" if missed else "kept"
+
+    @property
     def objects_text(self) -> str:
         """The objects for a table; of more than three objects only the first two."""
         few, more = self.objects[:2], len(self.objects) - 2
@@ -114,6 +130,7 @@ class SessionEntry:
             "bench": on.bench if on else None,
             "simulated": on.simulated if on else None,
             "estimator": getattr(manifest, "estimator", None),
+            "window": getattr(manifest, "window", None),
             "react": self.react or None,
             "objects": self.objects,
             **asdict(self.remarks),
@@ -122,6 +139,7 @@ class SessionEntry:
             "mare_deg": mare and mare.mean_deg,
             "mare_interval_deg": mare and mare.ends_deg,
             "lifts_refused": mare and mare.refused,
+            "limits_missed": self.limits_missed,
             "contact_area_px": dict(self.contact_area_px),
             "size_bytes": self.size_bytes,
             "state": self.state.value,
@@ -183,14 +201,18 @@ def _sizes(folder: str, inside: str = "") -> dict[str, int]:
 
 
 def _entry(folder: Path, sizes: Mapping[str, int], manifest: AnyManifest, quick: bool) -> SessionEntry:
-    done, mare, areas, files, what = 0, None, [], [], "recording"
+    done, mare, areas, files, what, thinned, missed = 0, None, [], [], "recording", False, None
     problems: list[str] = []
     if isinstance(manifest, TrialManifest):
         rows, problems = rows_and_problems(folder / RESULTS[manifest.kind], LIFTS)
         lifts = finished(rows)
         done, mare = len(lifts), mare_of(lift.re for lift in lifts)
+        if limits := manifest.config.limits:
+            missed = sum(not one.met for one in judged(limits, rows, read_timing(folder)))
         areas = [area for lift in lifts for area in lift.contact_area_px.items()]
-        files = [lift.recording for lift in lifts]
+        # The folder of all recordings is deleted to free the disk; a single missing one is damage.
+        thinned = manifest.status == "complete" and not (folder / RECORDINGS).is_dir()
+        files = [] if thinned else [lift.recording for lift in lifts]
     elif isinstance(manifest, RecordManifest):
         poses = [pose for pose in read_poses(folder) if pose.accepted]
         images = [image for pose in poses for image in pose.images]
@@ -207,10 +229,12 @@ def _entry(folder: Path, sizes: Mapping[str, int], manifest: AnyManifest, quick:
         state = SessionState.BROKEN
     elif in_use(folder):
         state = SessionState.RUNNING
+    elif thinned:
+        state = SessionState.THINNED
     problem = f"{problems[0]}{more}" if problems else None
     size = sum(sizes.values())
     by_serial = {of: median(area for serial, area in areas if serial == of) for of in sorted(dict(areas))}
-    return SessionEntry(folder, state, problem, size, manifest, done, mare, by_serial)
+    return SessionEntry(folder, state, problem, size, manifest, done, mare, by_serial, missed)
 
 
 def _damage(path: Path, what: str, exists: bool, quick: bool) -> str | None:

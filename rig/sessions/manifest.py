@@ -61,7 +61,8 @@ class TrialManifest(BenchManifest):
     """A trial. skip: whether the estimator skips stages that a frame does not need.
 
     truth: the true angles were measured by the markers' edges. react: reaction to slip;
-    false_alarms_per_hour, max_turn_deg: its settings, see `rig.lift.slip_watch.SlipSettings`.
+    false_alarms_per_hour, max_turn_deg: its settings, see `rig.lift.slip_watch.SlipSettings`. markers_only:
+    of the external camera's pictures only the surroundings of the markers are stored.
     """
 
     kind: Literal["trial"]
@@ -73,6 +74,7 @@ class TrialManifest(BenchManifest):
     react: ReactionKind = ReactionKind.NONE
     false_alarms_per_hour: Annotated[float, Field(gt=0, le=100_000)] = 10.0
     max_turn_deg: Annotated[float, Field(gt=0, le=180)] | None = None
+    markers_only: bool = False
 
     @property
     def wanted(self) -> int:
@@ -193,12 +195,12 @@ def require_kind(
 def first_difference(manifest: Manifest, wanted: Manifest) -> str | None:
     """Return the first difference between a session and the request, as "seed 0, not 1"; None without any.
 
-    For the bench and its calibrations it names the single differing value, as "config.camera.focal_px". A
-    feeder may be added to the bench file or removed from it: it changes no result.
+    For the bench and its calibrations it names the single differing value, as "config.camera.focal_px". The
+    feeder and the limits of a bench file may change: they change no result.
     """
     if type(manifest) is not type(wanted):
         return f"kind {manifest.kind}, not {wanted.kind}"
-    manifest, wanted = _without_feeder(manifest), _without_feeder(wanted)
+    manifest, wanted = _without_feeder_and_limits(manifest), _without_feeder_and_limits(wanted)
     keys = (field.name for field in fields(wanted) if field.name not in _OWN)
     key = next((key for key in keys if getattr(manifest, key) != getattr(wanted, key)), None)
     return (
@@ -208,11 +210,13 @@ def first_difference(manifest: Manifest, wanted: Manifest) -> str | None:
     )
 
 
-def _without_feeder(manifest: Manifest) -> Manifest:
-    if not isinstance(manifest, BenchManifest) or manifest.config.feeder is None:
+def _without_feeder_and_limits(manifest: Manifest) -> Manifest:
+    if not isinstance(manifest, BenchManifest):
         return manifest
-    table = manifest.config.table.model_copy(update={"feeder": None})
-    return replace(manifest, config=manifest.config.model_copy(update={"table": table}))
+    config = manifest.config.model_copy(update={"limits": ()})
+    if config.feeder is not None:
+        config = config.model_copy(update={"table": config.table.model_copy(update={"feeder": None})})
+    return replace(manifest, config=config)
 
 
 def _difference(key: str, there: Any, asked: Any) -> str:

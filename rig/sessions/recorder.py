@@ -12,7 +12,7 @@ index.
 import json
 import math
 from collections.abc import Callable, Mapping, Sequence
-from operator import itemgetter
+from operator import attrgetter, itemgetter
 from typing import Any
 
 import numpy as np
@@ -91,11 +91,17 @@ class LiftRecorder(LiftEvents):
     """Writes the messages of one lift to a binary stream as they arrive; `close` completes the file.
 
     stream: has `write` and `tell`, as `rig.sessions.unfinished.BackgroundFile`. about: the metadata of the
-    file. Nothing is written before the first message. Every method raises `RecordingError` if the stream
-    does.
+    file. jpeg: returns the JPEG of a frame; by default as received. Nothing is written before the first
+    message. Every method raises `RecordingError` if the stream does.
     """
 
-    def __init__(self, stream: Any, about: RecordingAbout | None = None) -> None:
+    def __init__(
+        self,
+        stream: Any,
+        about: RecordingAbout | None = None,
+        jpeg: Callable[[Frame], bytes | None] = attrgetter("jpeg"),
+    ) -> None:
+        self._jpeg = jpeg
         self._about = about or RecordingAbout()
         self._described = about is None
         # No compression, because images are JPEGs. A chunk is verified as a whole, so a damaged byte or a
@@ -117,9 +123,10 @@ class LiftRecorder(LiftEvents):
         return self._begun
 
     def frame(self, frame: Frame) -> None:
-        if frame.jpeg is None:
+        jpeg = self._jpeg(frame)
+        if jpeg is None:
             raise RecordingError(f"{frame.serial}: a frame without JPEG cannot be recorded")
-        message = CompressedImage(frame_id=frame.serial, data=frame.jpeg, format="jpeg")
+        message = CompressedImage(frame_id=frame.serial, data=jpeg, format="jpeg")
         message.timestamp.FromNanoseconds(self._date(frame.time_ns))
         self._protobuf(image_topic(frame.serial), message, frame.time_ns, frame.sequence)
 

@@ -7,9 +7,9 @@ from typing import TypeVar
 from drivers.errors import SessionError
 from drivers.images import image_flaw
 from rig.sessions.codec import Codec
-from rig.sessions.files import RESULTS, complete_lines
+from rig.sessions.files import RESULTS, TIMING, complete_lines
 from rig.sessions.recording_file import check_recording
-from rig.sessions.records import LIFTS, POSES, Lift, PoseRow, finished
+from rig.sessions.records import LIFT_TIMINGS, LIFTS, POSES, Lift, LiftTiming, PoseRow, finished
 
 Record = TypeVar("Record")
 
@@ -62,6 +62,11 @@ def readable_rows(path: Path, codec: Codec[Record]) -> tuple[list[Record], dict[
 def read_lifts(folder: Path) -> list[Lift]:
     """Read all attempts at a trial's lifts. Raises `SessionError`."""
     return read_rows(folder / RESULTS["trial"], LIFTS)
+
+
+def read_timing(folder: Path) -> list[LiftTiming]:
+    """Return the readable rows of a trial's `timing.jsonl`; none if it is missing."""
+    return readable_rows(folder / TIMING, LIFT_TIMINGS)[0]
 
 
 def read_finished_lifts(folder: Path) -> list[Lift]:

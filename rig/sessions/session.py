@@ -164,9 +164,10 @@ def open_session(folder: Path, wanted: Manifest, codec: Codec[Row], resume: bool
         require_same(folder, manifest, wanted)
         session = Session(folder, manifest, codec)
         if isinstance(manifest, BenchManifest) and isinstance(wanted, BenchManifest):
-            remarks = manifest.remarks.joined(wanted.remarks)
-            if remarks != manifest.remarks:
-                session.manifest = replace(manifest, remarks=remarks)
+            remarks, limits = manifest.remarks.joined(wanted.remarks), wanted.config.limits
+            if remarks != manifest.remarks or limits != manifest.config.limits:
+                config = manifest.config.model_copy(update={"limits": limits})
+                session.manifest = replace(manifest, remarks=remarks, config=config)
                 write_json(folder / MANIFEST, json_value(session.manifest))
         return session
     if folder.exists() and not folder.is_dir():

@@ -1,9 +1,11 @@
 """Questions to the person at the terminal; displays are hidden until the answer.
 
-Only input typed after a question answers it. Standard input and standard error must be a terminal, so that
-the person sees the question and can answer.
+Only input typed after a question answers it. The log of a session has each question with its answer and
+time. Standard input and standard error must be a terminal, so that the person sees the question and can
+answer.
 """
 
+import logging
 import os
 import select
 import sys
@@ -14,6 +16,8 @@ from contextlib import contextmanager
 
 from drivers.errors import OperatorStopError
 from rig.terminal.onlookers import asked
+
+_log = logging.getLogger("rig.terminal.questions")
 
 
 def ask(question: str) -> bool:
@@ -46,6 +50,7 @@ def waited(question: str) -> Iterator[Callable[[], bool]]:
         line = sys.stdin.readline()
         if not line or line.strip().lower() in ("q", "quit", "stop"):
             raise OperatorStopError("stopped by the operator; the arm holds its position")
+        _log.info("%s answered: Enter", question)
         return True
 
     with asked(question):
@@ -92,4 +97,6 @@ def _typed(prompt: str) -> str:
     with asked(prompt):
         termios.tcflush(sys.stdin, termios.TCIFLUSH)
         print(prompt, end=" ", file=sys.stderr, flush=True)
-        return sys.stdin.readline().strip().lower()
+        answer = sys.stdin.readline().strip().lower()
+    _log.info("%s answered: %s", prompt, answer or "Enter")
+    return answer

@@ -14,6 +14,7 @@ from rig.tactile.estimators import EstimatorChoice
 from support.benches import real_bench_file
 from support.command_line import rig
 
+ROOT = Path(__file__).resolve().parents[2]
 HEAVY = {
     "cv2", "numpy", "scipy", "onnxruntime", "skimage", "rtde_control", "pymodbus", "mcap", "pyarrow", "rerun",
     "distributed",
@@ -99,6 +100,7 @@ def test_version_help_and_completion_options_work() -> None:
     assert result.returncode == 0
     assert result.stdout.split()[0] == "rig"
     assert result.stdout.split()[1][0].isdigit()
+    assert ("(commit " in result.stdout) == (ROOT / ".git").exists()
     assert rig("trial", "-h").stdout == rig("trial", "--help").stdout
     assert "--install-completion" in rig("-h").stdout
     assert "[fakes]" in " ".join(rig("fakes", "serve", "-h").stdout.split())

@@ -65,6 +65,19 @@ def test_displays_are_hidden_until_a_question_is_answered(
     terminal.wait_for("answered True False")
 
 
+def test_log_of_a_session_has_question_and_answer(at_terminal: AtTerminal) -> None:
+    code = """if True:
+    import logging
+    from rig.terminal.questions import ask
+    logging.basicConfig(level=logging.INFO, format="%(levelname)s %(message)s")
+    ask("Ready?")
+"""
+    terminal = at_terminal([sys.executable, "-c", code], 80)
+    terminal.wait_for("Ready? [y/N]:")
+    terminal.type("y\n")
+    terminal.wait_for("INFO Ready? [y/N]: answered: y")
+
+
 def test_keys_typed_before_the_question_do_not_answer_it(at_terminal: AtTerminal) -> None:
     code = """
         import time

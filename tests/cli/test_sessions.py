@@ -114,6 +114,18 @@ def test_check_ends_with_exit_code_2_if_a_session_is_broken(tmp_path: Path, one_
     assert rig("sessions", tmp_path).returncode == 0
 
 
+def test_session_without_its_recordings_keeps_its_results(named: Path, tmp_path: Path) -> None:
+    shutil.copytree(named, tmp_path / "all")
+    shutil.rmtree(tmp_path / "all" / "s1" / "lifts")
+    done = rig("sessions", tmp_path / "all", "--json", "--check")
+    assert done.returncode == 0, done.stderr
+    states = [(entry["state"], entry["mare_deg"]) for entry in json.loads(done.stdout)["sessions"]]
+    assert [state for state, _ in states] == ["complete", "without recordings", "complete"]
+    assert len({mare for _, mare in states}) == 1
+    size_mb = sum(file.stat().st_size for file in tmp_path.rglob("*") if file.is_file()) / 1e6
+    assert f"3 sessions, {size_mb:,.0f} MB" in done.stderr
+
+
 def test_parallel_listing_of_many_sessions_gives_the_same_result(tmp_path: Path) -> None:
     for number in range(8):
         shutil.copytree(STORED / "stored_trial", tmp_path / f"{number:02d}")
@@ -143,10 +155,27 @@ def test_page_of_sessions_links_to_reports_and_escapes_names(named: Path, tmp_pa
     assert done.returncode == 0, done.stderr
     assert json.loads(done.stdout)["page"] == str(tmp_path / "all.html")
     text = (tmp_path / "all.html").read_text()
-    assert '<a href="both%20%23%202/s1/report.html">s1</a>' in text
-    assert "&lt;i&gt;</td>" in text
+    assert '<a href="both%20%23%202/s1/report.html">' in text
+    assert f'<span data-session="{both}/s1">s1</span></a>' in text
+    assert "&lt;i&gt;</span></td>" in text
     assert "<h3>Error on SIMULATED benches</h3>" in text
     assert 'data-filter="choose"' in text
+
+
+def test_estimator_refused_lifts_and_limits_are_listed(named: Path, tmp_path: Path) -> None:
+    shutil.copytree(named, tmp_path / "all")
+    for name, upper in (("s0", 0.0), ("s1", 90.0)):
+        file = tmp_path / "all" / name / "session.json"
+        manifest = json.loads(file.read_text())
+        manifest["config"]["limits"] = [{"figure": "mare_deg", "upper": upper}]
+        file.write_text(json.dumps(manifest))
+    done = rig("sessions", tmp_path / "all", "--json")
+    found = json.loads(done.stdout)["sessions"]
+    assert [entry["limits_missed"] for entry in found] == [1, 0, None]
+    assert [(entry["estimator"], entry["window"]) for entry in found] == [("slip", 1)] * 3
+    table = " ".join(done.stderr.split())
+    assert "1 missed" in table
+    assert "kept" in table
 
 
 def test_contact_area_of_each_fingertip_is_listed(tmp_path: Path) -> None:

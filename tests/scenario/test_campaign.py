@@ -99,7 +99,6 @@ def test_killed_replay_resumes_after_its_last_lift(sessions: Path, tmp_path: Pat
 def test_a_cluster_of_two_workers_gives_the_same_table(sessions: Path, tmp_path: Path) -> None:
     """Also where the estimator is a lab's own, which the workers import themselves."""
     distributed = pytest.importorskip("distributed")
-    pytest.importorskip("joblib")
     what = ("replay", str(sessions / "a"), "--json", "--out")
     mine = ("--estimator", f"{MODULE}:Mine")
     with (
@@ -126,6 +125,39 @@ def test_a_cluster_of_two_workers_gives_the_same_table(sessions: Path, tmp_path:
     assert read_results(tmp_path / "there") == read_results(tmp_path / "here")
     assert read_results(tmp_path / "own") == read_results(tmp_path / "own here")
     assert {line["estimator"] for line in read_results(tmp_path / "own")} == {mine[1]}
+
+
+@pytest.mark.long
+def test_lifts_of_a_lost_worker_are_carried_out_by_another(light_bench_file: Path, tmp_path: Path) -> None:
+    distributed = pytest.importorskip("distributed")
+    what = (
+        "benchmark",
+        "seeds",
+        "--bench",
+        str(light_bench_file),
+        "--seeds",
+        "1",
+        "--object",
+        "t2",
+        "--json",
+    )
+    with distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, dashboard_address="127.0.0.1:0", host="127.0.0.1"
+    ) as cluster:
+        engine = cluster.scheduler_address.replace("tcp://", "dask://")
+        there = subprocess.Popen(
+            command_of(*what, "--lifts", "4", "--engine", engine, "--out", str(tmp_path / "there")),
+            stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        )  # fmt: skip
+        done = tmp_path / "there" / "results.jsonl"
+        until(done.exists)  # the first lift is stored
+        lost = cluster.workers[0].process.pid
+        os.kill(lost, signal.SIGKILL)
+        said, errors = there.communicate(timeout=300)
+    assert there.returncode in (0, 4), errors
+    here = rig(*what, "--lifts", "4", "--jobs", "1", "--out", tmp_path / "here")
+    assert here.returncode == there.returncode
+    assert json.loads(said)["tables"] == json.loads(here.stdout)["tables"]
 
 
 def test_unreachable_engine_is_rejected(sessions: Path, tmp_path: Path) -> None:

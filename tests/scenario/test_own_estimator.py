@@ -22,6 +22,7 @@ from rig.experiments.replay import run_replay
 from rig.experiments.trial import run_trial
 from rig.report.write import write_report
 from rig.results.listing import list_session
+from rig.sessions.records import LiftOutcome
 from rig.sessions.rows import read_finished_lifts
 from rig.tactile.estimators import choose_estimator
 from support.angle_clips import write_clip
@@ -119,6 +120,20 @@ def test_lift_with_failing_estimator_is_kept_and_reports_it(lab: Path, light_ben
     assert row.estimator_faults.frames == pytest.approx(0.1 * sum(row.states.values()), abs=2)
     assert "no gradient today" in (folder / "log.txt").read_text()
     assert "The estimator itself failed" in write_report([folder]).path.read_text()
+
+
+@pytest.mark.parametrize("wrong", ["In_a_library", "Arguments"])
+def test_touch_of_the_fingers_does_not_depend_on_an_own_estimator(
+    wrong: str, lab: Path, light_bench: BenchConfig
+) -> None:
+    """One estimator fails in every frame, the other reports a contact in every frame."""
+    folder = lab.parent / wrong
+    settings = TrialSettings(light_bench, 0, choose_estimator(f"{MODULE}:{wrong}"))
+    run_trial(folder, settings, ["t2"], lifts=1)
+    (row,) = read_finished_lifts(folder)
+    assert row.accepted
+    assert row.outcome is LiftOutcome.SLIPPED
+    assert (row.estimator_faults is None) == (wrong == "Arguments")
 
 
 def test_estimator_that_cannot_be_constructed_is_rejected_first(lab: Path) -> None:

@@ -55,6 +55,20 @@ def test_replay_is_exact_with_any_number_of_blas_threads_and_changes_nothing(one
     assert contents(one_lift) == before
 
 
+def test_trial_with_pictures_of_the_markers_only_is_smaller_and_replayed(
+    one_lift: Path, light_bench: BenchConfig, tmp_path: Path
+) -> None:
+    settings = TrialSettings(light_bench, 0, choose_estimator("slip"), markers_only=True)
+    run_trial(tmp_path / "s", settings, ["t2"], lifts=1)
+    small, whole = ((folder / "lifts/001.mcap").stat().st_size for folder in (tmp_path / "s", one_lift))
+    assert small < 0.75 * whole
+    (stored,) = read_finished_lifts(one_lift)
+    assert read_finished_lifts(tmp_path / "s") == [stored]
+    (replayed,) = run_replay(stored_trial(tmp_path / "s"), jobs=1).rows
+    assert replayed.final_estimate_deg == stored.final_estimate_deg
+    assert replayed.final_truth_deg == pytest.approx(stored.final_truth_deg, abs=0.02)
+
+
 def test_swapped_recordings_of_two_lifts_swap_their_estimates(two_lifts: Path, tmp_path: Path) -> None:
     swapped = tmp_path / "swapped"
     shutil.copytree(two_lifts, swapped)

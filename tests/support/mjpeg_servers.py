@@ -102,6 +102,19 @@ def old_protocol(connection: socket.socket, request: bytes) -> None:
         time.sleep(0.01)
 
 
+def announces(boundary: bytes, less: int) -> Behaviour:
+    """Send parts with the boundary b1, and a length that is too small by some bytes."""
+
+    def behave(connection: socket.socket, request: bytes) -> None:
+        connection.sendall(HEAD % (boundary, b""))
+        for jpeg in JPEGS:
+            head = b"--b1\r\nContent-Type: image/jpeg\r\nContent-Length: %d\r\n\r\n" % (len(jpeg) - less)
+            connection.sendall(head + jpeg + b"\r\n")
+            time.sleep(0.01)
+
+    return behave
+
+
 SERVERS: dict[str, Behaviour] = {
     "with length": lambda c, _: plain(c),
     "other boundary": lambda c, _: plain(c, b"----=_Part_7:x"),
@@ -109,6 +122,8 @@ SERVERS: dict[str, Behaviour] = {
     "no length": lambda c, _: plain(c, length=False),
     "chunked": in_chunks,
     "HTTP/1.0, bare line feeds": old_protocol,
+    "boundary that is not sent": announces(b"another", 0),
+    "length 2 too small": announces(b"b1", 2),
 }
 
 

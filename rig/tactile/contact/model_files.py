@@ -1,5 +1,6 @@
 """Open and run the networks in ONNX files."""
 
+import re
 from collections.abc import Mapping
 from functools import cache
 from importlib.resources import files
@@ -17,6 +18,8 @@ MOST_BYTES = 1_000_000_000
 """Largest size of an ONNX file that is read."""
 _ARENA = "bfc_arena.cc"
 """Part of onnxruntime's message if the memory limit is reached."""
+_NEWER = re.compile(r"Unsupported model IR version: (\d+), max supported IR version: (\d+)")
+"""Its message for a file of a newer version."""
 MODELS = files("rig") / "models"
 """Folder of the rig's own networks."""
 
@@ -58,13 +61,19 @@ def open_model(path: Path, threads: int, how: str) -> onnxruntime.InferenceSessi
     options.log_severity_level = 4
     options.add_session_config_entry("session.use_env_allocators", "1")
     options.add_session_config_entry("session.load_model_format", "ONNX")  # no other format is checked
+    options.add_session_config_entry("session.model_external_initializers_file_folder_path", str(path.parent))
     data = read_bounded(path, MOST_BYTES)
-    check_onnx(str(path), data)
+    check_onnx(path, data)
     try:
         return onnxruntime.InferenceSession(data, options, providers=["CPUExecutionProvider"])
     except RigError:  # a stop by the operator
         raise
     except Exception as error:  # the exceptions of onnxruntime have no common base class
+        if newer := _NEWER.search(str(error)):
+            raise InputError(
+                f"{path}: has version {newer[1]} of ONNX's format, and this onnxruntime reads up to "
+                f"{newer[2]}: update onnxruntime, or export the network with an older version of onnx"
+            ) from error
         raise InputError(
             f"{path}: is not a complete ONNX network ({reason(error)}): copy it again, or make one with {how}"
         ) from error

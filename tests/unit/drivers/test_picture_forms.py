@@ -55,6 +55,23 @@ FORMS: dict[str, tuple[Callable[[Path], object], np.ndarray, float]] = {
     "lzw.tif": (lambda p: PICTURE.save(p, compression="tiff_lzw"), RAMP, 0),
     "big_endian.tif": (lambda p: tifffile.imwrite(p, RAMP, byteorder=">", photometric="rgb"), RAMP, 0),
     "deflate.tif": (lambda p: PICTURE.save(p, compression="tiff_adobe_deflate"), RAMP, 0),
+    "big.tif": (lambda p: tifffile.imwrite(p, RAMP, bigtiff=True, photometric="rgb"), RAMP, 0),
+    "big_big_endian.tif": (
+        lambda p: tifffile.imwrite(p, RAMP, bigtiff=True, byteorder=">", photometric="rgb"), RAMP, 0,
+    ),
+    "float32.tif": (lambda p: tifffile.imwrite(p, np.float32(RAMP / 255.0), photometric="rgb"), RAMP, 0),
+    "float64.tif": (lambda p: tifffile.imwrite(p, RAMP / 255.0, photometric="rgb", byteorder=">"), RAMP, 0),
+    "float_to_255.tif": (lambda p: tifffile.imwrite(p, np.float32(RAMP), photometric="rgb"), RAMP, 0),
+    "float_big.tif": (
+        lambda p: tifffile.imwrite(p, np.float32(RAMP / 255.0), photometric="rgb", bigtiff=True), RAMP, 0,
+    ),
+    "float_planes.tif": (
+        lambda p: tifffile.imwrite(
+            p, np.float32(RAMP.transpose(2, 0, 1) / 255.0), planarconfig="separate", photometric="rgb"
+        ),
+        RAMP, 0,
+    ),
+    "float_grey.tif": (lambda p: tifffile.imwrite(p, np.float32(GREY[..., 0] / 255.0)), GREY, 0),
 }  # fmt: skip
 
 
@@ -65,6 +82,21 @@ def test_picture_is_the_same_in_every_form(tmp_path: Path, name: str) -> None:
     found = read_image(tmp_path / name)
     assert found.shape == wanted.shape
     assert np.abs(found.astype(int) - wanted).max() <= tolerance
+
+
+@pytest.mark.parametrize("value", [np.nan, -0.1, 256.0])
+def test_floats_outside_the_ranges_of_pictures_are_refused_by_name(tmp_path: Path, value: float) -> None:
+    values = np.full((40, 50, 3), 0.5, np.float32)
+    values[3, 4] = value
+    tifffile.imwrite(tmp_path / "x.tif", values, photometric="rgb")
+    with pytest.raises(InputError, match=r"x\.tif: has floating-point values that are not all from 0 to 1"):
+        read_image(tmp_path / "x.tif")
+
+
+def test_big_tiff_of_several_pages_is_refused(tmp_path: Path) -> None:
+    tifffile.imwrite(tmp_path / "x.tif", np.stack([RAMP, RAMP]), bigtiff=True, photometric="rgb")
+    with pytest.raises(InputError, match="holds 2 images"):
+        read_image(tmp_path / "x.tif")
 
 
 def stack(path: Path, count: int) -> Path:

@@ -115,6 +115,11 @@ def test_images_of_another_size_are_refused_and_named(serve: Serve) -> None:
     ("behaviour", "said"),
     [
         (answer(b"HTTP/1.1 404 Not Found\r\nContent-Length: 0\r\n\r\n"), "404 Not Found; check the address"),
+        (answer(b"HTTP/1.1 401 Unauthorized\r\nContent-Length: 0\r\n\r\n"), "asks for a name and password"),
+        (
+            answer(b"HTTP/1.1 302 Found\r\nLocation: /new?x=1\r\n\r\n"),
+            r"give the address http://127.*/new\?x=1",
+        ),
         (answer(b"HTTP/1.1 200 OK\r\nContent-Type: text/html\r\n\r\n<p>"), "sends 'text/html'"),
         (answer(b"\x00\xff nonsense\r\n\r\n"), "check the server"),
         (answer(b""), "check the server"),

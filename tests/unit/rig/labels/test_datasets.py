@@ -1,5 +1,6 @@
 """Labelled images on disk in each layout, folds by object, and scores of masks."""
 
+import base64
 import json
 from pathlib import Path
 
@@ -9,7 +10,7 @@ import pytest
 from PIL import Image
 
 from drivers.errors import InputError
-from drivers.images import read_image
+from drivers.images import encode_png, read_image
 from rig.labels.datasets import FOLDS, check_objects, find_fold, object_of, read_dataset
 from rig.labels.label_files import labelme_mask
 from rig.labels.polygons import agreement, contact_label
@@ -70,6 +71,36 @@ def test_labelme_files_are_read_with_every_kind_of_shape(tmp_path: Path) -> None
     areas = {f.image.name: np.count_nonzero(f.label(SHAPE)) for f in read_dataset(tmp_path)}
     assert areas["a.png"] == areas["c.png"] == 600
     assert abs(areas["b.JPG"] - np.pi * 100) < 8
+
+
+def mask_shape(left: int, top: int, part: np.ndarray) -> dict[str, object]:
+    """Return a shape as LabelMe writes it with "Create AI-Mask": a PNG of the part between two points."""
+    points = [[left, top], [left + part.shape[1] - 1, top + part.shape[0] - 1]]
+    png = base64.b64encode(encode_png(part)).decode()
+    return {"label": "contact", "points": points, "shape_type": "mask", "mask": png}
+
+
+def test_rectangle_of_four_points_and_mask_with_a_hole_are_read() -> None:
+    size = {"imageHeight": SHAPE[0], "imageWidth": SHAPE[1]}
+    turned = {"points": [[10.0, 5.0], [15.0, 10.0], [10.0, 15.0], [5.0, 10.0]], "shape_type": "rectangle"}
+    diamond = np.count_nonzero(labelme_mask({"shapes": [turned], **size}, SHAPE, "a.json"))
+    assert abs(diamond - 61) <= 8
+    ring = np.ones((20, 10), np.uint8)
+    ring[5:8, 4:6] = 0
+    document = {"shapes": [mask_shape(7, 9, ring)], **size}
+    mask = labelme_mask(document, SHAPE, "a.json")
+    assert np.array_equal(mask[9:29, 7:17] > 0, ring > 0)
+    assert np.count_nonzero(mask) == ring.sum()
+    assert np.count_nonzero(labelme_mask(document, (2 * SHAPE[0], 2 * SHAPE[1]), "a.json")) == 4 * ring.sum()
+    for wrong in (
+        mask_shape(SHAPE[1] - 4, 0, ring),
+        mask_shape(-1, 0, ring),
+        {"shape_type": "mask", "mask": "x"},
+    ):
+        with pytest.raises(InputError, match="shape 1: its mask"):
+            labelme_mask({"shapes": [wrong], **size}, SHAPE, "a.json")
+    with pytest.raises(InputError, match="does not lie in its image"):
+        labelme_mask({**document, "imageHeight": 1e8, "imageWidth": 1e8}, SHAPE, "a.json")
 
 
 def test_a_label_drawn_on_another_size_is_scaled() -> None:

@@ -248,6 +248,25 @@ def test_names_in_a_table_of_lifts_stay_text(browser: Browser, tmp_path: Path) -
     assert browser.said() == []
 
 
+def test_two_ticked_sessions_show_the_command_that_compares_them(
+    browser: Browser, pages: dict[str, Path]
+) -> None:
+    browser.open(pages["sessions"].as_uri(), 1400)
+    shown = "!document.getElementById('compared').hidden"
+    ticks = "document.querySelectorAll('td input[type=checkbox]')"
+    assert browser.value(f"{ticks}.length") == 2
+    browser.value(f"{ticks}[0].click()")
+    assert not browser.value(shown)
+    browser.value(f"{ticks}[1].click()")
+    assert browser.value(shown)
+    command = browser.value("document.querySelector('#compared code').textContent")
+    folder = pages["sessions"].parent
+    assert command == f"rig compare {folder / 'trial'} {folder / 'other'}"
+    browser.value(f"{ticks}[0].click()")
+    assert not browser.value(shown)
+    assert browser.said() == []
+
+
 def test_a_page_of_a_thousand_sessions_opens_within_five_seconds(browser: Browser, tmp_path: Path) -> None:
     cells = [["t1 wrench", "0.50 ± 0.20", "12.0", "complete"] for _ in range(1000)]
     links = [[f"session_{i:04d}", *row] for i, row in enumerate(cells)]

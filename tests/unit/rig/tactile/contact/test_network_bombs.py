@@ -93,13 +93,13 @@ def test_small_sparse_tensor_is_accepted(tmp_path: Path) -> None:
 def test_damaged_file_is_counted_up_to_its_damage() -> None:
     bomb, small, rng = DECLARED["sparse initializer"], segmentation([]), np.random.default_rng(0)
     with pytest.raises(FormatError):
-        check_onnx("x", bomb)
+        check_onnx(Path("x"), bomb)
     for end in range(len(bomb)):
         with suppress(FormatError):
-            check_onnx("x", bomb[:end])
+            check_onnx(Path("x"), bomb[:end])
     for _ in range(300):
         damaged = bytearray(small)
         damaged[rng.integers(len(damaged))] = int(rng.integers(256))
         with suppress(FormatError):
-            check_onnx("x", bytes(damaged))
-        check_onnx("x", rng.bytes(20)[:1] + bytes(20))
+            check_onnx(Path("x"), bytes(damaged))
+        check_onnx(Path("x"), rng.bytes(20)[:1] + bytes(20))

@@ -1,0 +1,218 @@
+"""Compare figures of lifts and sessions with the limits of a bench file or of `--limits FILE`.
+
+A limit names a figure and its lower or upper value: for each lift, for each of one object, or for
+the session.
+"""
+
+import json
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import NamedTuple
+from xml.etree import ElementTree
+
+from pydantic import ValidationError
+
+from drivers.errors import InputError, unknown_name
+from drivers.formats import MOST_TOML_BYTES, parse_toml, read_text
+from protocols.grasps import GraspFile, find_grasp_file
+from rig.config import validation_text
+from rig.config.models import LimitConfig, LimitsFile
+from rig.results.summary import summarize_lifts
+from rig.sessions.records import Lift, LiftTiming, finished, lift_columns
+
+Limits = tuple[LimitConfig, ...]
+
+UNITS = {"deg": "deg", "s": "s", "m": "m", "ms": "ms", "px": "px"}
+"""Unit of a figure by the last part of its name; others have none."""
+
+
+class Figure(NamedTuple):
+    """A figure with a limit. value: None if it was not measured, which misses a limit."""
+
+    doc: str
+    value: Callable[..., float | None]
+
+
+def _apart(one: float | None, other: float | None) -> float | None:
+    return None if one is None or other is None else abs(one - other)
+
+
+def _largest_delay_ms(_: Lift, timing: LiftTiming | None) -> float | None:
+    delays = (timing.capture_to_angle if timing else None) or {}
+    return max((of.p99_ms for of in delays.values()), default=None)
+
+
+def _column_figures() -> Iterator[tuple[str, Figure]]:
+    for column in lift_columns():
+        if column.kind in (int, float) and column.name not in ("number", "attempt", "lift"):
+            yield column.name, Figure("", lambda lift, _, value=column.value: value(lift))
+
+
+LIFT_FIGURES: Mapping[str, Figure] = {
+    **dict(_column_figures()),
+    "abs_final_error_deg": Figure(
+        "absolute difference of estimate and true angle at the end of phase C",
+        lambda lift, _: _apart(lift.final_estimate_deg, lift.final_truth_deg),
+    ),
+    "onset_delay_s": Figure(
+        "onset seen in the estimate after the true one", lambda lift, _: lift.onset_delay_s
+    ),
+    "lag_s": Figure(
+        "by how much the estimate follows the markers; 0 below 0.05 s, or if it cannot be measured",
+        lambda lift, _: lift.lag.lag_s if lift.lag else 0.0,
+    ),
+    "clock_rate_off": Figure(
+        "largest deviation of the speed of time stamps from 1; 0 below the limit of the warning",
+        lambda lift, _: max((abs(rate - 1.0) for rate in (lift.clock_rates or {}).values()), default=0.0),
+    ),
+    "dropped": Figure("dropped frames of all sources", lambda lift, _: sum(lift.dropped.values())),
+    "contact_area_px": Figure(
+        "smallest contact area at the end of phase A",
+        lambda lift, _: min(lift.contact_area_px.values(), default=None),
+    ),
+    "capture_to_angle_p99_ms": Figure(
+        "99 % of the delays from capture to angle, of the slower fingertip; only in real time",
+        _largest_delay_ms,
+    ),
+}
+"""Figures of a lift by name: the numbers of `lifts.csv`, and further ones that are computed."""
+SESSION_FIGURES: Mapping[str, Figure] = {
+    "mare_deg": Figure("MARE over phases B and C", lambda of: of.mare and of.mare.mean_deg),
+    "mare_b_deg": Figure("MARE over phase B", lambda of: of.mare_b and of.mare_b.mean_deg),
+    "mare_held_deg": Figure(
+        "MARE with refused frames held at the last answer", lambda of: of.mare_held and of.mare_held.mean_deg
+    ),
+    "answered_in_all": Figure("share of frames with an angle over all lifts", lambda of: of.answered),
+    "lifts_accepted": Figure("number of accepted lifts", lambda of: of.lifts_accepted),
+    "lifts_refused": Figure(
+        "number of lifts without any angle",
+        lambda of: of.lifts_accepted - (of.mare.lifts if of.mare else 0),
+    ),
+}
+"""Figures of a session, or of one of its objects, by name."""
+
+
+def unit_of(figure: str) -> str:
+    """Return the unit of a figure, which is the end of its name; "" for a number or share."""
+    return UNITS.get(figure.rpartition("_")[2], "") if "_" in figure else ""
+
+
+@dataclass(frozen=True, slots=True)
+class Judged:
+    """A figure beside its limit. of: the lift, such as "wrench, lift 3", or "session", or its object."""
+
+    of: str
+    figure: str
+    value: float | None
+    asked: str
+    met: bool
+
+    @property
+    def shown(self) -> str:
+        """The value with its unit."""
+        return "no value" if self.value is None else f"{self.value:.4g} {unit_of(self.figure)}".rstrip()
+
+    def __str__(self) -> str:
+        return f"{self.of}: {self.figure} {self.shown}, required {self.asked}"
+
+
+def read_limits(path: Path) -> Limits:
+    """Read a file with a table [[limits]] per limit, as in a bench file. Raises `InputError`."""
+    text = read_text(path, MOST_TOML_BYTES)
+    document = json.dumps(parse_toml(text, str(path)), default=str)
+    try:
+        return LimitsFile.model_validate_json(document, strict=True).limits
+    except ValidationError as error:
+        known = {*LimitsFile.model_fields, *LimitConfig.model_fields}
+        raise InputError(f"{path}: {validation_text(error, text, known)}") from error
+
+
+def checked_limits(limits: Limits, objects: Sequence[str], own: Sequence[GraspFile] = ()) -> Limits:
+    """Return limits with the ids of their objects.
+
+    objects: ids of the trial's. own: a lab's objects. Raises `InputError` for an unknown figure, another
+    unit, or another object.
+    """
+    checked = []
+    for number, limit in enumerate(limits):
+        where = f"limits[{number}]"
+        if limit.figure not in LIFT_FIGURES and limit.figure not in SESSION_FIGURES:
+            error = unknown_name("figure", limit.figure, [*LIFT_FIGURES, *SESSION_FIGURES])
+            raise InputError(f"{where}: {error}")
+        unit = unit_of(limit.figure)
+        if limit.unit is not None and limit.unit != unit:
+            raise InputError(f"{where}: {limit.figure} is in '{unit}', and the limit in '{limit.unit}'")
+        of = None if limit.object is None else find_grasp_file(limit.object, own).id
+        if of is not None and of not in objects:
+            raise InputError(f"{where}: object {limit.object} is not lifted in this trial")
+        checked.append(limit.model_copy(update={"object": of}))
+    return tuple(checked)
+
+
+def judged(limits: Limits, rows: Sequence[Lift], timing: Sequence[LiftTiming] = ()) -> list[Judged]:
+    """Return each figure that has a limit, in the order of the limits.
+
+    rows: attempts of a session, of which the accepted ones count. timing: of these, if known.
+    """
+    lifts = finished(rows)
+    times = {(of.number, of.attempt): of for of in timing}
+    found = []
+    for limit in limits:
+        own = [lift for lift in lifts if limit.object in (None, lift.object)]
+        if limit.figure in LIFT_FIGURES:
+            figure = LIFT_FIGURES[limit.figure]
+            values = [(of.title, figure.value(of, times.get((of.number, of.attempt)))) for of in own]
+        else:
+            of = "session" if limit.object is None else own[0].name if own else limit.object
+            values = [(of, SESSION_FIGURES[limit.figure].value(summarize_lifts(own)))]
+        found += [Judged(of, limit.figure, value, _asked(limit), _met(limit, value)) for of, value in values]
+    return found
+
+
+def _asked(limit: LimitConfig) -> str:
+    least = None if limit.lower is None else f"at least {limit.lower:g}"
+    most = None if limit.upper is None else f"at most {limit.upper:g}"
+    return f"{' and '.join(filter(None, (least, most)))} {unit_of(limit.figure)}".rstrip()
+
+
+def _met(limit: LimitConfig, value: float | None) -> bool:
+    if value is None:
+        return False
+    return (limit.lower is None or value >= limit.lower) and (limit.upper is None or value <= limit.upper)
+
+
+def limit_rows(found: Sequence[Judged]) -> list[tuple[str, ...]]:
+    """Return a row of text per limit: figure, asked range, how many pass, and the first miss."""
+    by_limit: dict[tuple[str, str], list[Judged]] = {}
+    for one in found:
+        by_limit.setdefault((one.figure, one.asked), []).append(one)
+    rows = []
+    for (figure, asked), of in by_limit.items():
+        missed = [one for one in of if not one.met]
+        first = f"{missed[0].of}: {missed[0].shown}" if missed else ""
+        rows.append((figure, asked, f"{len(of) - len(missed)} of {len(of)}", first))
+    return rows
+
+
+LIMIT_HEADINGS = ("figure", "asked", "passed", "first that misses")
+"""Headings of `limit_rows`."""
+
+
+def json_lines(found: Sequence[Judged]) -> str:
+    """Return a line of JSON per figure with a limit."""
+    return "".join(json.dumps(asdict(one)) + "\n" for one in found)
+
+
+def junit_xml(found: Sequence[Judged], session: str) -> str:
+    """Return the figures as test cases of JUnit's XML, which CI systems show."""
+    missed = sum(not one.met for one in found)
+    suite = ElementTree.Element(
+        "testsuite", name=session, tests=str(len(found)), failures=str(missed), errors="0", skipped="0"
+    )
+    for one in found:
+        case = ElementTree.SubElement(suite, "testcase", classname=one.of, name=f"{one.figure} {one.asked}")
+        if not one.met:
+            ElementTree.SubElement(case, "failure", message=str(one))
+    ElementTree.indent(suite)
+    return ElementTree.tostring(suite, encoding="unicode", xml_declaration=True) + "\n"

@@ -102,7 +102,7 @@ def metered(parts: Mapping[str, str]) -> Iterator[tuple[dict[str, float], Counte
 
 
 def measure(options: LiftOptions, run: Run) -> Report:
-    """Carry out SIMULATED lifts, write their report, and print which part takes how much CPU time.
+    """Print the CPU time of SIMULATED lifts and their report, by part of the work.
 
     All lifts are carried out in this process, and then deleted.
 

@@ -30,7 +30,7 @@ from rig.report.parts import (
     table_of,
 )
 from rig.report.session import UNREADABLE, Trial, with_angles
-from rig.report.strips import Still, strip
+from rig.report.strips import Still, stored_images, strip
 from rig.results.limits import LIMIT_HEADINGS, judged, limit_rows
 from rig.results.metrics import FEWEST_LIFTS, INTERVAL, Floats, mare_of, mare_text, summarize
 from rig.results.summary import TrialSummary, summarize_trial
@@ -192,7 +192,8 @@ def _with_strips(trial: Trial, lift: Lift, chart: Chart) -> dict[str, object]:
     for serial in trial.manifest.serials:
         name = serial if serial in signs else f"camera {serial}, marker angle"
         try:
-            strips[name] = strip(path, lift, serial, signs.get(serial))
+            stored = stored_images(path, [serial])
+            strips[name] = strip(path, stored, lift, serial, signs.get(serial))
         except UNREADABLE as error:
             problem = Notice("bad", f"The frames of {serial} cannot be shown.", str(error))
     return {"chart": chart, "strips": strips, "problem": problem, "anchor": anchor(lift)}

@@ -13,7 +13,7 @@ COPY drivers drivers
 COPY fakes fakes
 COPY protocols protocols
 COPY rig rig
-RUN pip install --no-cache-dir -c requirements.lock .
+RUN pip install --no-cache-dir -c requirements.lock ".[bench]"
 
 # Not root: limits and file modes are to mean something.
 RUN useradd --create-home --groups video,dialout rig && mkdir /bench && chown rig /bench

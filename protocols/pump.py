@@ -172,14 +172,15 @@ class Pump:
     def _next(self) -> tuple[FrameSource, Frame]:
         """Return the fingertips' earliest frame, or a camera frame if that one has not arrived yet."""
         while True:
+            now_ns = self._bench.clock.now_ns()
             for tip in self._tips:
-                tip.poll()
+                tip.poll(now_ns)
             first = min(self._tips, key=lambda tip: tip.next_ns)
             if first.waiting is not None:
                 return first.source, first.take()
             if (camera := self._camera) is not None:
-                camera.poll()
                 now_ns = self._bench.clock.now_ns()
+                camera.poll(now_ns)
                 # if processing the picture delays no fingertip, or the picture has waited too long
                 if camera.waiting is not None and (
                     first.next_ns - now_ns >= to_ns(PICTURE_S)
@@ -237,9 +238,12 @@ class _Stream:
         self.waiting = None
         self._accept(with_jpeg(self.source.newest_frame(max_age_s=FRAME_TIMEOUT_S)))
 
-    def poll(self) -> None:
+    def poll(self, now_ns: int) -> None:
         """Fetch the next frame if it has arrived. Raises `StaleFrameError` if the sensor froze."""
-        if self.waiting is None:
+        period_ns = NS_PER_S / self.source.rate_hz
+        # It cannot have arrived less than a period after the last one, unless that one's time was wrong.
+        early = 0 < self._earliest_ns - now_ns < period_ns
+        if self.waiting is None and not early:
             with suppress(DeviceTimeoutError):
                 self.fetch(0.0)
 

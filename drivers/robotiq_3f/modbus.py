@@ -13,6 +13,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import CancelledError, Future
 from contextlib import suppress
 from dataclasses import dataclass
+from importlib.util import find_spec
 from typing import TYPE_CHECKING
 
 from drivers.clock import NS_PER_S, Clock, host_s, to_ns, wait_until
@@ -76,8 +77,9 @@ def tcp_link(host: str, port: int = 502, preset: str = "tcp") -> Link:
     """Reach a gripper over Modbus TCP; preset "tcp" (2018 manual) or "tcp-2014".
 
     A unit does not show which edition it follows: if the status cannot be read with one preset, try the
-    other. Raises `InputError` for an unknown preset.
+    other. Raises `InputError` for an unknown preset, and without the library.
     """
+    _require("pymodbus")
 
     def make_client(timeout_s: float) -> "ModbusClient":
         from pymodbus.client import ModbusTcpClient
@@ -89,6 +91,8 @@ def tcp_link(host: str, port: int = 502, preset: str = "tcp") -> Link:
 
 def rtu_link(device: str, preset: str = "rtu", baudrate: int = 115200) -> Link:
     """Reach a gripper over Modbus RTU, 8N1, on a serial device. Raises `InputError`."""
+    _require("pymodbus")
+    _require("serial")
 
     def make_client(timeout_s: float) -> "ModbusClient":
         from pymodbus.client import ModbusSerialClient
@@ -96,6 +100,11 @@ def rtu_link(device: str, preset: str = "rtu", baudrate: int = 115200) -> Link:
         return ModbusSerialClient(device, baudrate=baudrate, timeout=timeout_s, retries=0)
 
     return Link(f"gripper on {device}", _preset(preset), make_client, RTU_TIMEOUT_S, RTU_TIMEOUT_S)
+
+
+def _require(library: str) -> None:
+    if find_spec(library) is None:
+        raise InputError(f'gripper: {library} is not installed: pip install "visuotactile-slip-rig[bench]"')
 
 
 class StatusClient:

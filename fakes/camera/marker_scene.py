@@ -108,6 +108,8 @@ class MarkerScene:
         self._rays = rays.astype(np.float32)
         """Undistorted ray (x/z, y/z) of every pixel centre, (H, W, 2) float32."""
         self._textures: dict[int, _Texture] = {}
+        self._drawn: tuple[Pose, Image] | None = None
+        """The newest pose, and its picture without noise: an object at rest is drawn once."""
 
     @property
     def camera_matrix(self) -> NDArray[np.float64]:
@@ -128,12 +130,15 @@ class MarkerScene:
         object behind the camera, or whose back faces the camera, is not drawn. Draws two numbers from `rng`,
         so generators with equal states give equal images.
         """
-        picture = self._bench.copy()
-        self._draw_object(picture, _plane(camera_T_object))
+        drawn = self._drawn
+        if drawn is None or drawn[0] != camera_T_object:
+            picture = self._bench.copy()
+            self._draw_object(picture, _plane(camera_T_object))
+            drawn = self._drawn = camera_T_object, picture
         width, height = self.size
         dx, dy = rng.integers(0, _NOISE_SHIFTS, 2)
         window = np.s_[dy : dy + height, dx : dx + width]
-        cv2.add(picture, self._noise[0][window], dst=picture)
+        picture = np.asarray(cv2.add(drawn[1], self._noise[0][window]), np.uint8)
         return cv2.subtract(picture, self._noise[1][window], dst=picture)  # type: ignore[return-value]
 
     def exact_corners_px(self, camera_T_object: Pose) -> NDArray[np.float64]:  # noqa: N803

@@ -20,6 +20,7 @@ from fakes.world.kinematics import (
     inverse,
     nearest_inverse,
     to_pose,
+    tracked_inverse,
 )
 from fakes.world.motion import ToolPath, TrapezoidProfile, distance
 from fakes.world.world import World
@@ -79,7 +80,7 @@ class FakeArm(Arm):
         now = self._clock.now_ns()
         pose = self._world.tool.pose_at(now)
         if pose != self._pose:
-            self._pose, self._joints = pose, self._reach(pose, ANY_JOINTS)
+            self._pose, self._joints = pose, self._reach(pose, ANY_JOINTS, tracked_inverse)
         joints = self._encoders.shown(self._joints, now)
         height_m = self._world.tool.position_at(now)[2]
         return ArmState(
@@ -161,6 +162,11 @@ class FakeArm(Arm):
         if not self._connected:
             raise NotConnectedError("arm: used before connect; connect the bench first")
 
-    def _reach(self, pose: Pose, limits_rad: tuple[Vector6, Vector6]) -> Vector6:
-        joints = nearest_inverse(compose(from_pose(pose), inverse(PHYSICAL_TOOL)), self._joints)
+    def _reach(
+        self,
+        pose: Pose,
+        limits_rad: tuple[Vector6, Vector6],
+        solve: Callable[..., Vector6 | None] = nearest_inverse,
+    ) -> Vector6:
+        joints = solve(compose(from_pose(pose), inverse(PHYSICAL_TOOL)), self._joints)
         return check_joints(joints, limits_rad, pose)

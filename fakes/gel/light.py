@@ -7,6 +7,7 @@ the left edge green. A dent casts shadows around it and behind it.
 """
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import cv2
 import numpy as np
@@ -232,20 +233,23 @@ def shade(dent: DepthMap, light: Light, variation: Variation, px_mm: float) -> D
     smooth = np.asarray(cv2.blur(dent, (9, 9)), np.float32)
     rim = np.maximum(smooth - dent, 0.0) * np.float32(variation.rim_per_mm)
     (rows, columns), lost = dent.shape, np.empty((3, *dent.shape), np.float32)
-    ways = zip(light.towards_x, light.towards_y, strict=True)
-    towards = [(float(x.mean()), float(y.mean())) for x, y in ways]
-    px = _SHIFT_PX
+    towards, px = _mean_directions(light), _SHIFT_PX
     padded = cv2.copyMakeBorder(smooth, px, px, px, px, cv2.BORDER_REPLICATE)
     for colour, (x, y) in enumerate(towards):
         top, left = px + round(y * px), px + round(x * px)
-        lost[colour] = padded[top : top + rows, left : left + columns]
-    lost -= dent
+        np.subtract(padded[top : top + rows, left : left + columns], dent, out=lost[colour])
     np.maximum(lost, 0.0, out=lost)
     lost *= np.float32(variation.shadow_per_mm)
     lost += rim
     if variation.streak_per_mm > 0.0:
         lost += np.stack([_streaks(smooth, dent, way, variation, px_mm) for way in towards])
     return np.minimum(lost, np.float32(_MOST_LOST), out=lost)
+
+
+@lru_cache(maxsize=8)
+def _mean_directions(light: Light) -> list[tuple[float, float]]:
+    ways = zip(light.towards_x, light.towards_y, strict=True)
+    return [(float(x.mean()), float(y.mean())) for x, y in ways]
 
 
 def _streaks(

@@ -60,6 +60,7 @@ class GelSensor:
         size = columns // HALF, rows // HALF
         half = cv2.resize(self._light.background, size, interpolation=cv2.INTER_AREA)
         self._glow = np.ascontiguousarray(half.transpose(2, 0, 1), np.float32)
+        self._most_lost = np.float32(_MOST_LOST) * self._glow
         self._drifted: tuple[float, NDArray[np.int16]] | None = None
         self._changed: tuple[Imprint, NDArray[np.int16]] | None = None
 
@@ -106,14 +107,19 @@ class GelSensor:
         knee = np.float32(1.0 / (8.0 * self._variation.slope_at_knee * HALF))
         slope_x = cv2.Sobel(dent, cv2.CV_32F, 1, 0, scale=float(knee / self._pad.mm_per_px[0]))
         slope_y = cv2.Sobel(dent, cv2.CV_32F, 0, 1, scale=float(knee / self._pad.mm_per_px[1]))
-        facing = light.towards_x * slope_x
-        facing += light.towards_y * slope_y
+        # In place: arrays of this size are slow to allocate.
+        facing, other = light.towards_x * slope_x, light.towards_y * slope_y
+        facing += other
         # a slope that falls in the light's direction brightens, with saturation
-        facing /= -np.sqrt(np.float32(1.0) + facing * facing)
+        np.multiply(facing, facing, out=other)
+        other += np.float32(1.0)
+        facing /= np.sqrt(other, out=other)
         facing *= light.gain
-        facing -= self._glow * shade(dent, light, self._variation, HALF * self._pad.mm_per_px[0])
-        np.maximum(facing, np.float32(-_MOST_LOST) * self._glow, out=facing)
-        facing *= np.float32(_UNITS)
+        lost = shade(dent, light, self._variation, HALF * self._pad.mm_per_px[0])
+        lost *= self._glow
+        facing += lost
+        np.minimum(facing, self._most_lost, out=facing)
+        facing *= np.float32(-_UNITS)
         return self._full_size(np.asarray(cv2.merge(list(facing)), np.float32))
 
     def _full_size(self, change: NDArray[np.float32]) -> NDArray[np.int16]:

@@ -1,7 +1,7 @@
 """Timed paths of the simulated tool and fingers, with trapezoidal speed profiles."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 from scipy.spatial.transform import Rotation, Slerp
 
@@ -26,19 +26,16 @@ class TrapezoidProfile:
     stop_fraction: float = 1.0
     brake_ns: int | None = None
     deceleration: float = 1.0
+    duration_s: float = field(init=False)
+    """Duration of the whole motion without a stop, s."""
+    _ramp_s: float = field(init=False)
 
-    @property
-    def _ramp_s(self) -> float:
-        return min(self.speed / self.acceleration, math.sqrt(self.distance / self.acceleration))
-
-    @property
-    def duration_s(self) -> float:
-        """Duration of the whole motion without a stop, s."""
-        if self.distance <= 0.0:
-            return 0.0
-        ramp = self._ramp_s
+    def __post_init__(self) -> None:
+        ramp = min(self.speed / self.acceleration, math.sqrt(self.distance / self.acceleration))
         cruise = self.distance - self.acceleration * ramp * ramp
-        return 2.0 * ramp + max(cruise, 0.0) / self.speed
+        duration = 2.0 * ramp + max(cruise, 0.0) / self.speed if self.distance > 0.0 else 0.0
+        object.__setattr__(self, "_ramp_s", ramp)
+        object.__setattr__(self, "duration_s", duration)
 
     def fraction_at(self, time_ns: int) -> float:
         """Return the fraction of the distance covered at `time_ns`, 0 to 1."""

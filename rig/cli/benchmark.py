@@ -4,19 +4,18 @@ The commands are made from the studies (`rig.benchmark.harness.Study`).
 """
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, fields
+from functools import partial
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any
 
 import typer
-from typer.core import TyperCommand
-from typer.main import get_command
 
 from drivers.errors import InputError
 from rig.cli.common import Exit, emit_json, report_faults, say
-from rig.cli.helping import Commands, Group
+from rig.cli.helping import Commands, Group, as_command
 from rig.cli.options import EngineOption, JsonOption, SeedOption
 from rig.declared import file_place, folder_place, option, option_parameters, set_signature
 
@@ -31,6 +30,7 @@ STUDIES = {
     "renderer": "Score estimators on SIMULATED lifts of a second renderer, independent of the bench's.",
     "seeds": "Carry out SIMULATED trials of several seeds; print errors and confidently wrong angles.",
     "slip": "Print time, accuracy and size of slip beside their limits, in 10 minutes on two idle cores.",
+    "lift": "Print the CPU time of SIMULATED lifts and their report, by part of the work.",
     "segmentation": "Score the segmentation networks on SIMULATED objects and on real frames.",
     "wire": "Do one lift over the wire protocols in real time; measure lost frames, rates and agreement.",
     "faults": "Let each device fail during a lift over the wire protocols; print how the rig recovers.",
@@ -133,39 +133,19 @@ def _print(report: "Report", wall_s: float, to_stderr: bool) -> None:
         console.print(line, highlight=False)
 
 
-class _Studies(Group):
-    """A group with commands that are studies, whose modules are imported on use, because that is slow."""
-
-    modules: ClassVar[Mapping[str, str]]
-
-    def get_command(self, ctx: Any, cmd_name: str) -> Any:
-        if cmd_name not in self.modules or self.listing:
-            return super().get_command(ctx, cmd_name)
-        alone = Commands(add_completion=False)
-        module = import_module(f"rig.benchmark.{self.modules[cmd_name]}")
-        alone.command(cmd_name)(command_of(module.STUDY))
-        return get_command(alone)
+def load_study(name: str) -> Any:
+    """Return the command of a study. name: of its module in `rig.benchmark`, which is imported."""
+    study = import_module(f"rig.benchmark.{name}").STUDY
+    return as_command(study.name, command_of(study))
 
 
-class Program(_Studies):
-    """The commands of `rig`; `fit-slip` is a study."""
-
-    modules: ClassVar[Mapping[str, str]] = {"fit-slip": "slip_fit"}
-
-    def __init__(self, **settings: Any) -> None:
-        super().__init__(**settings)
-        summary = "Fit the parameters of slip by maximum likelihood."
-        self.commands["fit-slip"] = TyperCommand("fit-slip", help=summary, rich_help_panel="Advanced")
-
-
-class Benchmarks(_Studies):
+class Benchmarks(Group):
     """The group of benchmarks; `rig benchmark` alone runs `rig benchmark estimators`."""
 
-    modules: ClassVar[Mapping[str, str]] = dict(zip(STUDIES, STUDIES, strict=True)) | MODULES
-
     def __init__(self, **settings: Any) -> None:
         super().__init__(**settings)
-        self.commands.update({name: TyperCommand(name, help=summary) for name, summary in STUDIES.items()})
+        for name, summary in STUDIES.items():
+            self.announce(name, summary, partial(load_study, MODULES.get(name, name)))
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Insert the default subcommand if none is given."""

@@ -1,5 +1,6 @@
 """`rig compare`: compare two sessions, or two estimators on one session, lift by lift."""
 
+import os
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -8,6 +9,7 @@ from rig.cli.common import print_result, report_faults, say, trial_jobs
 from rig.cli.options import JsonOption
 from rig.declared import argument, file_place, option
 from rig.terminal.progress import WorkProgress
+from rig.terminal.screen import begin_phase, end_phase
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,7 +68,10 @@ def compare(options: CompareOptions) -> None:
     found = compare_lifts(names, sides[0].lifts, sides[1].lifts, same)
     parts = (name.replace(":", ".").replace("/", "-") for name in names)
     page = options.out or Path(f"compare_{'_'.join(parts)}.html")
-    write_page(page, compare_page(found, any(side.simulated for side in sides), about, notes))
+    end_phase(wait=True)  # workers are forks, which must not copy a thread
+    begin_phase("writing the page", ticking=False)
+    simulated = any(side.simulated for side in sides)
+    write_page(page, compare_page(found, simulated, about, notes, os.cpu_count() or 1))
     if not options.json:
         console = table_console()
         least = f"{INTERVAL} if there are at least {FEWEST_LIFTS} lifts"

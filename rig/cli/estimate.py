@@ -1,6 +1,8 @@
 """`rig estimate`, `rig explain`: estimate the rotation of the contact in your own frames; draw its stages."""
 
 import io
+import os
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -9,10 +11,11 @@ from drivers.errors import InputError
 from rig.cli.common import emit_json, mark, print_result, report_broken, report_faults, say
 from rig.cli.options import JsonOption, TopicOption
 from rig.declared import argument, file_place, folder_place, option
-from rig.terminal.screen import begin_phase
+from rig.terminal.screen import begin_phase, end_phase
 
 if TYPE_CHECKING:
     from rig.frames.estimates import EstimatedSeries, Estimation
+    from rig.frames.of_session import SessionSeries
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,9 +162,8 @@ def _recording(options: EstimateOptions, run: "Estimation") -> None:
 
     path = options.frames
     shown, samples, figures = [], [], []
-    for tip in of_sensor(recording_frames(path), options.sensor):
-        begin_phase(f"estimating {tip.serial} with {run.choice.name}")
-        done = run.of_series(tip)
+    tips = of_sensor(recording_frames(path), options.sensor)
+    for tip, done in zip(tips, _all_estimated(run, tips), strict=True):
         shown.append(done)
         samples += [{**row, "sensor": tip.serial} for row in rows(done.estimate)]
         report = _report(f"{path}, {tip.serial}", done, run)
@@ -181,9 +183,8 @@ def _session(options: EstimateOptions, run: "Estimation") -> None:
         raise InputError(f"{path} is a session: give --out FOLDER for one table per lift and sensor")
     lifts, faults = [], []
     tips, problems = session_frames(path)
-    for tip in of_sensor(tips, options.sensor):
-        begin_phase(f"estimating lift {tip.lift}, {tip.serial}, with {run.choice.name}")
-        done = run.of_series(tip)
+    tips = of_sensor(tips, options.sensor)
+    for tip, done in zip(tips, _all_estimated(run, tips), strict=True):
         file = out / f"{tip.lift}_{tip.serial}.csv"
         _write(file, table(rows(done.estimate)))
         figures = _report(f"lift {tip.lift}, {tip.serial}", done, run)
@@ -193,6 +194,25 @@ def _session(options: EstimateOptions, run: "Estimation") -> None:
         emit_json({"session": str(path), "out": str(out), "lifts": lifts})
     report_broken(problems)
     report_faults(faults)
+
+
+def _all_estimated(run: "Estimation", tips: "Sequence[SessionSeries]") -> "Iterator[EstimatedSeries]":
+    """Yield the estimate of each fingertip in order, computed on all cores."""
+    from drivers.realtime import compute_in_one_thread
+    from rig.experiments.process_pool import run_in_order
+
+    def begin() -> None:
+        end_phase(wait=True)
+        begin_phase(
+            f"estimating with {run.choice.name}", ticking=False
+        )  # workers are forks, which must not copy a thread
+
+    begin()
+    compute_in_one_thread()
+    run.choice.try_making()  # compiles loops once, not in each process
+    for done in run_in_order(run.of_series, tips, os.cpu_count() or 1):
+        yield done
+        begin()  # the caller has printed a result
 
 
 def _deliver(

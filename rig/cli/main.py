@@ -1,38 +1,107 @@
-"""The `rig` command: registers the subcommands and turns errors into one line and an exit code."""
+"""The `rig` command: lists the subcommands and turns errors into one line and an exit code."""
 
 import os
 import signal
 import sys
 from contextlib import suppress
-from typing import Annotated
+from functools import partial
+from importlib import import_module
+from typing import Annotated, Any
 
 import typer
 
 from drivers.errors import InputError, OperatorStopError, RigError
-from rig.cli.benchmark import Program, benchmark
-from rig.cli.calibrate import calibrate
 from rig.cli.common import STOPS, Exit, begin_answer, emit_error, say, stop_on_signals
-from rig.cli.compare import compare
-from rig.cli.doctor import doctor
-from rig.cli.estimate import estimate, explain
-from rig.cli.export import export
-from rig.cli.fakes import fakes
-from rig.cli.helping import Commands
-from rig.cli.label_angle import label_angle
-from rig.cli.live import bridge, live
-from rig.cli.own_files import bench, new, objects
-from rig.cli.play import play
-from rig.cli.record import record
-from rig.cli.replay import replay
-from rig.cli.report import report
-from rig.cli.results import results
-from rig.cli.segment import label, segment
-from rig.cli.sessions import sessions
-from rig.cli.teach import teach
-from rig.cli.train import estimators, model, train, train_angle, train_turning
-from rig.cli.trial import trial
+from rig.cli.helping import Commands, Group, as_command
 from rig.terminal.screen import Output, begin_phase, guarded_output, plain
 from rig.version import version_text
+
+COMMANDS = {
+    "Run": {
+        "trial": "Lift each object several times, measure its rotation in the fingers, and compare it with "
+        "the markers.",
+        "record": "Grasp one object in all poses of its file with varied grip, and store the tactile images.",
+        "replay": "Estimate the lifts of sessions again from the stored frames.",
+        "teach": "Teach where an object is grasped, its width there, and the height of the lift.",
+    },
+    "Results": {
+        "sessions": "List sessions with date, objects, estimator, MARE, limits, contact area and size; "
+        "report broken ones.",
+        "report": "Write the report of a session as one HTML page without external files.",
+        "play": "Make a film of a lift or of your own frames, with contact, axes and the angle over time.",
+        "compare": "Compare two trials, or two estimators on one trial, by paired differences with "
+        "intervals.",
+        "results": "Summarize a results table: MARE with intervals, number of identical lifts, broken "
+        "sessions.",
+        "export": "Export a session to a format that other tools open. The session itself is not changed.",
+    },
+    "Own images": {
+        "live": "Show the angle of one or two tactile sensors live, in the browser, as text or as JSON.",
+        "estimate": "Estimate the rotation of the contact in tactile images, in a table with a row per "
+        "frame.",
+        "explain": "Draw how the estimator slip finds an angle, on the two frames with the largest "
+        "rotation between them.",
+        "segment": "Write a contact mask STEM.png for every image, of the same size, with values 0 and 255.",
+        "label": "Propose a LabelMe polygon around the contact of each image, and export all labels.",
+        "label-angle": "Label the rotation of an object in a clip, by a line on each frame that two clicks "
+        "draw.",
+        "bridge": "Publish live angles, alarms and images for other robot software.",
+    },
+    "Bench": {
+        "doctor": "Check every device of a bench and this computer. Nothing moves.",
+        "bench": "Write a bench file, which describes the devices of a bench.",
+        "objects": "List the objects that can be grasped; write an object file of your own.",
+        "fakes": "Serve simulated devices over the wire protocols of the real ones, in one simulated world.",
+    },
+    "Advanced": {
+        "estimators": "List the available estimators: the rig's own and those of installed packages.",
+        "new": "Write a template package of your own estimator, sensor, camera, arm and gripper, which "
+        "runs unchanged.",
+        "train": "Train segmentation networks for the contact, test them on other objects, and export them "
+        "to ONNX.",
+        "train-angle": "Train an angle network that the paper compares with (its Table IV), and export it "
+        "to ONNX.",
+        "train-turning": "Train the network of slip that marks the parts of a contact that turn with the "
+        "object, and export it.",
+        "benchmark": "Measure the rig, and print the results as tables. Without a command: estimators.",
+        "model": "List the networks of the rig; import a checkpoint of your own.",
+        "fit-slip": "Fit the parameters of slip by maximum likelihood, to clips and SIMULATED lifts with "
+        "known angles.",
+    },
+    "Calibrate": {
+        "calibrate": "Calibrate cameras, sensors, gripper, tool and clocks; write files with uncertainty "
+        "and a page.",
+    },
+}
+"""First line of help of each command, by the title of its group in `rig --help`.
+
+The command NAME is `NAME` in `rig.cli.NAME` or in the module of `MODULES`; it is imported when it is used.
+"""
+MODULES = {
+    "explain": "estimate", "label": "segment", "bridge": "live", "bench": "own_files", "objects": "own_files",
+    "new": "own_files", "estimators": "train", "train_angle": "train", "train_turning": "train",
+    "model": "train",
+}  # fmt: skip
+
+
+class Program(Group):
+    """The commands of `rig`."""
+
+    def __init__(self, **settings: Any) -> None:
+        super().__init__(**settings)
+        for title, group in COMMANDS.items():
+            for name, summary in group.items():
+                self.announce(name, summary, partial(_load, name), title)
+
+
+def _load(name: str) -> Any:
+    """Import and return a command of `COMMANDS`."""
+    if name == "fit-slip":
+        return import_module("rig.cli.benchmark").load_study("slip_fit")
+    variable = name.replace("-", "_")
+    module = import_module(f"rig.cli.{MODULES.get(variable, variable)}")
+    return as_command(name, getattr(module, variable))
+
 
 app = Commands(
     name="rig",
@@ -59,26 +128,6 @@ def _program(
     ] = False,
 ) -> None:
     del version
-
-
-COMMANDS = {
-    "Run": (trial, record, replay, teach),
-    "Results": (sessions, report, play, compare, results, export),
-    "Own images": (live, estimate, explain, segment, label, label_angle),
-    "Bench": (doctor,),
-    "Advanced": (estimators, new, train, train_angle, train_turning),
-}
-"""Commands by the title of their group in `rig --help`."""
-for title, group in COMMANDS.items():
-    for command in group:
-        app.command(rich_help_panel=title)(command)
-app.add_typer(bridge, name="bridge", rich_help_panel="Own images")
-app.add_typer(bench, name="bench", rich_help_panel="Bench")
-app.add_typer(objects, name="objects", rich_help_panel="Bench")
-app.add_typer(fakes, name="fakes", rich_help_panel="Bench")
-app.add_typer(calibrate, name="calibrate", rich_help_panel="Calibrate")
-app.add_typer(benchmark, name="benchmark", rich_help_panel="Advanced")
-app.add_typer(model, name="model", rich_help_panel="Advanced")
 
 
 def main() -> None:
@@ -110,6 +159,13 @@ def _run_and_report() -> None:
         if isinstance(error, OperatorStopError):
             code = Exit.STOPPED
         _end(f"{error}{notes}", type(error).__name__, code)
+    except ModuleNotFoundError as error:
+        from rig.config.extras import WIRE, pip_line
+
+        module = str(error.name).partition(".")[0]
+        if module not in WIRE:
+            raise
+        _end(f"this bench needs {module}: {pip_line(WIRE[module])}", "InputError", Exit.USAGE)
     except OSError as error:  # an access to a file that has no error handling of its own
         _end(f"{error.filename or 'a file'}: {error.strerror or error}", "OSError", Exit.FAULT)
 

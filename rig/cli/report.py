@@ -1,5 +1,6 @@
 """`rig report`: write the report of a session as one HTML page."""
 
+import os
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -7,7 +8,7 @@ from rig.cli.common import print_result, say
 from rig.cli.options import JsonOption
 from rig.declared import argument, file_place, folder_place, option
 from rig.terminal.onlookers import report_written
-from rig.terminal.screen import begin_phase
+from rig.terminal.screen import begin_phase, end_phase
 
 
 def report_after(folder: Path, unwanted: bool) -> str | None:
@@ -19,15 +20,20 @@ def report_after(folder: Path, unwanted: bool) -> str | None:
         return None
     from rig.report.write import write_report
 
-    begin_phase("writing the report")
+    _begin_writing()
     try:
-        path = write_report([folder]).path
+        path = write_report([folder], jobs=os.cpu_count() or 1).path
     except Exception as error:  # any error: the run itself is complete
         say(f"note: no report ({type(error).__name__}: {error}); try again: rig report {folder}")
         return None
     say(f"report: {path}")
     report_written(Path(path))
     return str(path)
+
+
+def _begin_writing() -> None:
+    end_phase(wait=True)
+    begin_phase("writing the report", ticking=False)  # workers are forks, which must not copy a thread
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,8 +83,8 @@ def report(options: ReportOptions) -> None:
 
     if options.picture is not None:
         require_picture(options.picture)
-    begin_phase("writing the report")
-    written = write_report(options.sources, options.out, options.beside, options.figures)
+    _begin_writing()
+    written = write_report(options.sources, options.out, options.beside, options.figures, os.cpu_count() or 1)
     if options.picture is not None:
         picture_of(written.path, options.picture)
     for problem in written.problems:

@@ -14,6 +14,7 @@ from pathlib import Path
 from drivers.errors import CalibrationError, InputError
 from rig.bench.source import unconnected_bench
 from rig.config import BenchConfig
+from rig.config.extras import pip_line
 from rig.config.parts import lacking, working
 from rig.doctor.actuators import look_at_arm, look_at_gripper
 from rig.doctor.finding import Finding, Severity, judged
@@ -75,7 +76,7 @@ def look_at_packages(config: BenchConfig) -> list[Finding]:
     text = ", ".join(f"{library} {found or 'missing'}" for library, found in versions.items())
     python = f"Python {sys.version.split()[0]}, {os.cpu_count()} cores"
     seen = f"{python}{', ' + text if text else ''}"
-    todo = f"pip install {' '.join(missing)} (ur-rtde: Linux x86-64, Python 3.11 or 3.12)"
+    todo = f"{pip_line('bench')} (ur-rtde: Linux x86-64, Python 3.11 or 3.12)"
     software = judged("computer", "software", not missing, seen, todo, otherwise=Severity.FAILURE)
     return [*findings, software]
 

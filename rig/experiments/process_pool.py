@@ -5,12 +5,15 @@ The workers of the cluster need this product installed and see the sessions unde
 
 import multiprocessing
 import socket
+import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Future, ProcessPoolExecutor, wait
+from functools import partial
 from typing import TypeVar
 
 from drivers.children import end_with_parent, leave_signals_to_parent, spawn_context
 from drivers.errors import InputError, RigError
+from drivers.progress import show_on, steps
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
@@ -55,8 +58,30 @@ def run_tasks(
         pool.shutdown(wait=True, cancel_futures=True)
 
 
+def run_in_order(work: Callable[[Task], Result], tasks: Sequence[Task], jobs: int) -> Iterator[Result]:
+    """Yield the results of all tasks in their order, and count finished tasks on the progress display.
+
+    Workers are forks of this process while it has no other thread, because a fork copies no thread. With
+    several jobs the caller must have called `compute_in_one_thread`.
+    """
+    fork, jobs = threading.active_count() == 1, max(1, min(jobs, len(tasks)))
+    results = run_tasks(partial(_numbered, work), list(enumerate(tasks)), jobs, fork)
+    early: dict[int, Result] = {}
+    next_one = 0
+    for _, (number, result) in steps(results, len(tasks)):
+        early[number] = result
+        while next_one in early:
+            yield early.pop(next_one)
+            next_one += 1
+
+
+def _numbered(work: Callable[[Task], Result], task: tuple[int, Task]) -> tuple[int, Result]:
+    return task[0], work(task[1])
+
+
 def _end_with_parent() -> None:
-    """Leave signals to the parent, and exit when it has ended. A fork has the command line's handlers."""
+    """Leave signals and progress to the parent, and exit when it has ended. A fork has copies of both."""
+    show_on(None)
     leave_signals_to_parent()
     end_with_parent()
 

@@ -3,6 +3,8 @@
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
+from itertools import takewhile
 from pathlib import Path
 
 from calibration.gel.look import GelLook
@@ -96,17 +98,19 @@ def _series(
 ) -> SessionSeries:
     phases = phase_times(recording)
     grasp_ns = phases.get(Phase.GRASP, 0)
-    reference = [f.image for f in recorded_frames(recording, serial) if f.time_ns < grasp_ns]
+    frames = recorded_frames(recording, serial)
+    reference = [f.image for f in takewhile(lambda frame: frame.time_ns < grasp_ns, frames)]
     if not reference:
         raise InputError(f"{recording}: no frames of {serial} before the grasp: give another recording")
 
-    def read() -> Iterator[TimedFrame]:
-        for frame in recorded_frames(recording, serial):
-            if frame.time_ns >= grasp_ns:
-                time = FrameTime(seconds_text(frame.time_ns), frame.time_ns)
-                yield TimedFrame(f"frame {frame.sequence}", time, frame.image)
-
-    frames = FrameSeries(str(recording), read)
+    series = FrameSeries(str(recording), partial(_frames_after, recording, serial, grasp_ns))
     background = mean_background(reference)
     lift_ns = phases.get(Phase.LIFT)
-    return SessionSeries(recording.stem, serial, sign, aspect, background, frames, lift_ns, gel)
+    return SessionSeries(recording.stem, serial, sign, aspect, background, series, lift_ns, gel)
+
+
+def _frames_after(recording: Path, serial: str, grasp_ns: int) -> Iterator[TimedFrame]:
+    for frame in recorded_frames(recording, serial):
+        if frame.time_ns >= grasp_ns:
+            time = FrameTime(seconds_text(frame.time_ns), frame.time_ns)
+            yield TimedFrame(f"frame {frame.sequence}", time, frame.image)

@@ -7,7 +7,7 @@ moves hardware.
 import queue
 import threading
 from collections import Counter, deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -49,6 +49,8 @@ OUTLINE_STEP = 4
 """The points of an outline are 1 px apart; every 4th point is shown."""
 TAKING_BACKGROUND = "taking the background"
 """State while the background is taken."""
+PREPARING = "preparing the estimator"
+"""State after that, while the loops of the estimator are compiled."""
 RATE_FRAMES = 61
 """Number of frames for the computation of the frame rate: one second of a DIGIT."""
 
@@ -57,11 +59,11 @@ RATE_FRAMES = 61
 class Reading:
     """The result for one frame of a sensor, or the fused angle of the object.
 
-    sample: None while the background is taken. fps: frame rate from capture times, None at first. latency_s:
-    time from capture to the angle. dropped: number of lost or skipped frames. zero_s: time of the frame whose
-    angle is 0, None without a reference. background: its origin. doubt: why the background is doubtful, else
-    empty. outline: of the contact, (N, 2) px, x right and y down. frame: None for the object. slips_s:
-    capture times at which the slip alarm was raised, s.
+    sample: None while the background is taken or the estimator is prepared. fps: frame rate from capture
+    times, None at first. latency_s: time from capture to the angle. dropped: number of lost or skipped
+    frames. zero_s: time of the frame whose angle is 0, None without a reference. background: its origin.
+    doubt: why the background is doubtful, else empty. outline: of the contact, (N, 2) px, x right and y down.
+    frame: None for the object. slips_s: capture times at which the slip alarm was raised, s.
     """
 
     name: str
@@ -138,6 +140,8 @@ class DeskSensor:
         """News about the background, or that the sensor has frozen, in the newest frame, for the user."""
         self.slip = False
         """Whether the slip alarm was on at the newest frame."""
+        self.prepared: Callable[[], bool] = lambda: True
+        """Whether the estimator can be made without a wait for its loops."""
         self._choice, self._sign, self._aspect = choice, sign, aspect
         self._tally, self._times = FrameTally(), deque[int](maxlen=RATE_FRAMES)
         self._states: Counter[str] = Counter()
@@ -165,7 +169,9 @@ class DeskSensor:
         self._tally.add(frame)
         self._times.append(frame.time_ns)
         sample, state = None, TAKING_BACKGROUND
-        if not self.background.collecting:
+        if not self.background.collecting and self.stream is None and not self.prepared():
+            state = PREPARING
+        elif not self.background.collecting:
             sample = self._estimated(frame)
             state, self.slip = sample.state.value, bool(sample.slip)
         self.news = self.background.add(frame) or (self.stream.news if self.stream is not None else "")
@@ -286,7 +292,12 @@ class Desk:
         self._fusion, self._zeros = FusedAngles(), list[SlipSample | None]()
 
     def __enter__(self) -> "Desk":
-        self._settings.choice.try_making()  # takes seconds the first time, so do it before the first frame
+        if any(source.waits for source in self._sources):  # every frame of a clip is estimated
+            self._settings.choice.try_making()
+        else:
+            prepared = self._settings.choice.begin_trying()
+            for sensor in self.sensors.values():
+                sensor.prepared = prepared
         with_frames: list[FrameSource] = []
         try:
             for source in self._sources:

@@ -137,6 +137,11 @@ def band(axes: Axes, x: Floats, middle: Floats, half: Floats, colour: str) -> No
 
 def svg(figure: Figure, alt: str) -> Markup:
     """Return a figure as inline SVG with the colours of the page. alt: description for screen readers."""
+    return with_own_ids(drawn_svg(figure, alt))
+
+
+def drawn_svg(figure: Figure, alt: str) -> str:
+    """Draw a figure as `svg` does, in any process; `with_own_ids` puts it on a page."""
     buffer = io.StringIO()
     with _styled():
         figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None, "Type": None})
@@ -146,13 +151,17 @@ def svg(figure: Figure, alt: str) -> Markup:
         text = pattern.sub(instead, text)
     # coordinates in tags are rounded to hundredths of a pixel; numbers in labels must not be rounded
     text = _TAG.sub(lambda tag: _DIGITS.sub(r".\1", tag.group()), text)
-    prefix = f"f{next(_number)}-"  # a page contains several figures
-    text = re.sub(r'\bid="', f'id="{prefix}', text)
-    text = re.sub(r"(url\(|href=\")#", rf"\1#{prefix}", text)
     css = {colour: f"var(--{name})" for colour, name in NAME_BY_LIGHT_HEX.items()}
     text = re.sub(r"#[0-9a-f]{6}\b", lambda colour: css.get(colour.group(), colour.group()), text)
     head = f'<svg role="img" aria-label="{Markup.escape(alt)}" '
-    return Markup(text.replace("<svg ", head, 1))  # noqa: S704 - drawn here; the alt text is escaped
+    return text.replace("<svg ", head, 1)
+
+
+def with_own_ids(drawn: str) -> Markup:
+    """Return the result of `drawn_svg` with ids that no other figure of a page has."""
+    prefix = f"f{next(_number)}-"
+    text = re.sub(r'\bid="', f'id="{prefix}', drawn)
+    return Markup(re.sub(r"(url\(|href=\")#", rf"\1#{prefix}", text))  # noqa: S704 - drawn here, with the alt text escaped
 
 
 def column_files(figure: Figure) -> dict[str, bytes]:

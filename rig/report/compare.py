@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from textwrap import fill
 
 import numpy as np
@@ -9,6 +10,7 @@ from matplotlib.axes import Axes
 
 from drivers.errors import InputError, counted
 from protocols.reaction import ReactionKind
+from rig.experiments.process_pool import run_in_order
 from rig.pages.figure import Spot, drawing
 from rig.pages.page import render
 from rig.pages.palette import FIRST, INK, MUTED, SECOND, TRUTH
@@ -256,10 +258,12 @@ _LINE, _NAME = 46, 14
 """Number of characters that fit below the axes, and of a name at either side above them."""
 
 
-def compare_page(comparison: Comparison, simulated: bool, about: str, notes: Sequence[str] = ()) -> str:
+def compare_page(
+    comparison: Comparison, simulated: bool, about: str, notes: Sequence[str] = (), jobs: int = 1
+) -> str:
     """Return the comparison as one HTML page.
 
-    about: description of the sides. notes: parts of them that could not be read.
+    about: description of the sides. notes: parts of them that could not be read. jobs: processes that draw.
     """
     return render(
         "rig.report",
@@ -275,7 +279,7 @@ def compare_page(comparison: Comparison, simulated: bool, about: str, notes: Seq
         apart=[each.text for each in comparison.apart],
         figures=figure_table(comparison),
         objects=object_table(comparison),
-        lifts=lift_charts(comparison),
+        lifts=lift_charts(comparison, jobs),
         alone=comparison.alone,
         notes=notes,
         colours=(FIRST.css, SECOND.css),
@@ -311,24 +315,29 @@ def difference_chart(comparison: Comparison) -> Chart:
         return Chart(title, figure, caption, f"{title}: {first} and {second}", spots=spots)
 
 
-def lift_charts(comparison: Comparison) -> list[Chart]:
-    """Draw both sides' curves of every lift with curves, largest difference of the mean error first."""
-    charts = []
-    for first, second in comparison.pairs:
-        if not first.angles or not second.angles:
-            continue
-        errors = [lift.re for lift in (first, second)]
-        apart = [error.mean_deg for error in errors if error is not None]
-        rank = abs(apart[1] - apart[0]) if len(apart) == 2 else -1.0
-        parts = [
-            f"{shorten(name)}: "
-            + ("no answer" if error is None else f"mean error {error.mean_deg:.2f}\u00b0")
-            for name, error in zip(comparison.names, errors, strict=True)
-        ]
-        chart = pair_chart(first, second, "; ".join(parts))
-        data = explored(first, pair_panels(comparison.names, first, second))
-        charts.append((rank, replace(chart, anchor=f"lift-{len(charts) + 1}", explored=data)))
-    return [chart for _, chart in sorted(charts, key=lambda entry: -entry[0])]
+def lift_charts(comparison: Comparison, jobs: int = 1) -> list[Chart]:
+    """Draw both sides' curves of every lift with curves, largest difference of the mean error first.
+
+    jobs: processes that draw.
+    """
+    pairs = [(first, second) for first, second in comparison.pairs if first.angles and second.angles]
+    drawn = run_in_order(partial(_drawn_pair, comparison.names), list(enumerate(pairs, start=1)), jobs)
+    return [chart for _, chart in sorted(drawn, key=lambda entry: -entry[0])]
+
+
+def _drawn_pair(names: tuple[str, str], numbered: tuple[int, tuple[Lift, Lift]]) -> tuple[float, Chart]:
+    """Return the chart of a pair, drawn, after the difference of its mean errors, -1 without one."""
+    number, (first, second) = numbered
+    errors = [lift.re for lift in (first, second)]
+    apart = [error.mean_deg for error in errors if error is not None]
+    rank = abs(apart[1] - apart[0]) if len(apart) == 2 else -1.0
+    parts = [
+        f"{shorten(name)}: " + ("no answer" if error is None else f"mean error {error.mean_deg:.2f}\u00b0")
+        for name, error in zip(names, errors, strict=True)
+    ]
+    chart = pair_chart(first, second, "; ".join(parts))
+    data = explored(first, pair_panels(names, first, second))
+    return rank, replace(chart, anchor=f"lift-{number}", explored=data, drawn=chart.draw(), figure=None)
 
 
 def shorten(name: str) -> str:

@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 from markupsafe import Markup, escape
 from matplotlib.figure import Figure
 
-from rig.pages.figure import Spot, plot_data, svg
+from rig.pages.figure import Spot, drawn_svg, plot_data, with_own_ids
 from rig.results.metrics import Mare
 from rig.sessions.manifest import BenchManifest, TrialManifest
 from rig.sessions.records import Lift
@@ -34,26 +34,32 @@ class Notice:
 class Chart:
     """A figure with its title and what it shows.
 
-    alt: for screen readers, default the title. anchor: its id in the page, "" without one. explored: data of
-    a lift that the page's program plots, see `rig.report.explored`. spots: values that the page's program
-    shows near the pointer; without any the figure stays static.
+    figure: None if another process has drawn it. alt: for screen readers, default the title. anchor: its id
+    in the page, "" without one. explored: data of a lift that the page's program plots, see
+    `rig.report.explored`. spots: values that the page's program shows near the pointer; without any the
+    figure stays static. drawn: the figure as `drawn_svg`, if that is done already.
     """
 
     title: str
-    figure: Figure
+    figure: Figure | None
     caption: str
     alt: str = ""
     anchor: str = ""
     explored: Mapping[str, Any] | None = None
     spots: Sequence[Spot] = ()
+    drawn: str = ""
 
     @property
     def plot(self) -> dict[str, Any]:
-        return plot_data(self.figure, self.spots)
+        return {} if self.figure is None else plot_data(self.figure, self.spots)
 
     @property
     def svg(self) -> Markup:
-        return svg(self.figure, self.alt or self.title)
+        return with_own_ids(self.drawn or self.draw())
+
+    def draw(self) -> str:
+        """Return the figure as `drawn_svg`, "" without one."""
+        return "" if self.figure is None else drawn_svg(self.figure, self.alt or self.title)
 
 
 @dataclass(frozen=True, slots=True)

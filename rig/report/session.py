@@ -3,13 +3,14 @@
 import struct
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
 from google.protobuf.message import DecodeError
 
 from drivers.errors import InputError, RigError, SessionError, counted
-from drivers.progress import steps
+from rig.experiments.process_pool import run_in_order
 from rig.report.parts import Notice, joined
 from rig.sessions.codec import Codec
 from rig.sessions.files import RESULTS
@@ -39,17 +40,14 @@ class Trial:
     problems: list[Notice]
 
 
-def read_trial(folder: Path, manifest: TrialManifest) -> Trial:
-    """Read the lifts of a trial; damaged parts are left out and reported."""
+def read_trial(folder: Path, manifest: TrialManifest, jobs: int = 1) -> Trial:
+    """Read the lifts of a trial, in `jobs` processes; damaged parts are left out and reported."""
     rows, problems = read_usable(folder / RESULTS["trial"], LIFTS)
     timing = read_timing(folder)
-    lifts, damaged = [], []
-    for row in steps(sorted(finished(rows), key=lambda row: row.number)):
-        try:
-            lifts.append(_read_lift(folder, row, manifest))
-        except UNREADABLE as error:
-            lifts.append(row)
-            damaged.append(f"{row.title} ({row.recording}: {_why(error)})")
+    done = sorted(finished(rows), key=lambda row: row.number)
+    read = list(run_in_order(partial(_read_usable, folder, manifest), done, jobs))
+    lifts = [lift for lift, _ in read]
+    damaged = [f"{lift.title} ({lift.recording}: {why})" for lift, why in read if why is not None]
     if damaged:
         what = f"{len(damaged)} of {counted(len(lifts), 'recording')} cannot be read: {joined(damaged)}."
         advice = (
@@ -67,6 +65,14 @@ def read_trial(folder: Path, manifest: TrialManifest) -> Trial:
         what = f"{len(gaps)} of {counted(len(lifts), 'recording')} are damaged in part: {named}."
         problems.append(Notice("bad", what, advice))
     return Trial(folder, manifest, rows, lifts, timing, problems)
+
+
+def _read_usable(folder: Path, manifest: TrialManifest, lift: Lift) -> tuple[Lift, str | None]:
+    """Return a lift with its angles, or without them and why they cannot be read."""
+    try:
+        return _read_lift(folder, lift, manifest), None
+    except UNREADABLE as error:
+        return lift, _why(error)
 
 
 def _read_lift(folder: Path, lift: Lift, manifest: TrialManifest) -> Lift:

@@ -57,17 +57,27 @@ class TipFrames:
     frames: tuple[Frame, ...] = ()
 
 
+Stored = dict[str, list[tuple[int, bytes]]]
+"""Times, ns, and messages of the images of a recording, by serial."""
+
+
+def stored_images(path: Path, serials: Sequence[str]) -> Stored:
+    """Read the images of some sources, without decoding them. Raises `SessionError`."""
+    found: Stored = {image_topic(serial): [] for serial in serials}
+    for topic, time_ns, _, data in recorded_messages(path, *found, gaps=[]):
+        found[topic].append((time_ns, data))
+    return dict(zip(serials, found.values(), strict=True))
+
+
 def pictures(
-    path: Path, lift: Lift, serial: str, sign: int | None, times_s: Sequence[float]
+    path: Path, stored: Stored, lift: Lift, serial: str, sign: int | None, times_s: Sequence[float]
 ) -> list[tuple[Image, str]]:
     """Return a source's images nearest to some times, with captions; only these are decoded.
 
-    sign: of a fingertip, whose contact and angles are
-    drawn into the images; None for the camera. Raises `SessionError` for a recording without such images.
+    stored: of `path`. sign: of a fingertip, whose contact and angles are drawn into the images; None for the
+    camera. Raises `SessionError` for a recording without such images.
     """
-    messages = [
-        (time_ns, data) for _, time_ns, _, data in recorded_messages(path, image_topic(serial), gaps=[])
-    ]
+    messages = stored[serial]
     grasp_ns = lift.zero_ns + round(lift.begins_s.get("A", 0.0) * NS_PER_S)
     untouched = [data for time_ns, data in messages if time_ns < grasp_ns]
     if sign is not None:
@@ -75,9 +85,11 @@ def pictures(
     if not messages or (sign is not None and not untouched):
         raise SessionError(f"{path}: holds no frames of {serial} before and after the grasp")
 
+    begun_ns = np.array([time_ns - lift.zero_ns for time_ns, _ in messages])
+
     def nearest(time_s: float) -> tuple[float, Image]:
-        time_ns, data = min(messages, key=lambda message: abs(message[0] - lift.zero_ns - time_s * NS_PER_S))
-        return (time_ns - lift.zero_ns) / NS_PER_S, decode_stored(recorded_jpeg(data, path))
+        at = int(np.abs(begun_ns - time_s * NS_PER_S).argmin())
+        return begun_ns[at].item() / NS_PER_S, decode_stored(recorded_jpeg(messages[at][1], path))
 
     tip, found = None, []
     if sign is not None:
@@ -93,13 +105,13 @@ def pictures(
     return found
 
 
-def strip(path: Path, lift: Lift, serial: str, sign: int | None) -> list[Still]:
+def strip(path: Path, stored: Stored, lift: Lift, serial: str, sign: int | None) -> list[Still]:
     """Return small images of a source over a lift: at the zero, during the slip, at the end.
 
     Arguments and errors are those of `pictures`.
     """
     stills = []
-    for picture, text in pictures(path, lift, serial, sign, moments(lift)):
+    for picture, text in pictures(path, stored, lift, serial, sign, moments(lift)):
         scale = min(1.0, LONG_SIDE_PX / max(picture.shape[:2]))
         small = cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
         stills.append(still(np.asarray(small, np.uint8), text))

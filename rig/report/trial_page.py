@@ -4,12 +4,14 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
 from datetime import UTC, datetime
+from functools import partial
+from pathlib import Path
 
 import numpy as np
 
 from drivers.errors import InputError, counted
-from drivers.progress import steps
 from protocols.reaction import ReactionKind
+from rig.experiments.process_pool import run_in_order
 from rig.pages.page import render
 from rig.report import charts
 from rig.report.advice import calibration_table, trial_notices
@@ -28,7 +30,7 @@ from rig.report.parts import (
     table_of,
 )
 from rig.report.session import UNREADABLE, Trial, with_angles
-from rig.report.strips import Still, strip
+from rig.report.strips import Still, stored_images, strip
 from rig.results.limits import LIMIT_HEADINGS, judged, limit_rows
 from rig.results.metrics import FEWEST_LIFTS, INTERVAL, Floats, mare_of, mare_text, summarize
 from rig.results.summary import TrialSummary, summarize_trial
@@ -39,22 +41,21 @@ WORST_LIFTS = 3
 MOST_PAIRS = 3
 
 
-def trial_page(trial: Trial, other: Trial | None = None, now: datetime | None = None) -> ReportPage:
+def trial_page(
+    trial: Trial, other: Trial | None = None, now: datetime | None = None, jobs: int = 1
+) -> ReportPage:
     """Return the report of a trial as one HTML page.
 
-    other: the same lifts without a reaction to slip, or with one. Raises `InputError` for any other session.
+    other: the same lifts without a reaction to slip, or with one. jobs: processes that draw; with several,
+    the charts of lifts have no figure. Raises `InputError` for any other session.
     """
     now = now or datetime.now(UTC)
     summary = summarize_trial(trial.rows)
     anchors = {lift.title: anchor(lift) for lift in with_angles(trial.lifts)}
     figures = _charts(trial)
-    lifts = []
-    for lift in steps(with_angles(trial.lifts)):
-        data = explored(lift, angle_panels(lift))
-        with suppress(*UNREADABLE):  # the page has a notice about the damaged recording
-            data = recorded_lift(trial.folder / lift.recording, lift, film_mark(lift))
-        chart = lift_chart(lift, lift_caption(lift))
-        lifts.append(replace(chart, anchor=anchor(lift), explored=data))
+    draw = partial(_drawn_lift, trial.folder, jobs == 1)
+    lifts = list(run_in_order(draw, with_angles(trial.lifts), jobs))
+    by_anchor = {chart.anchor: replace(chart, anchor="") for chart in lifts}
     objects = object_table(summary) if summary.objects else None
     known = [(lift.re.mean_deg, lift) for lift in with_angles(trial.lifts) if lift.re]
     worst = sorted(known, key=lambda entry: -entry[0])[:WORST_LIFTS]
@@ -74,7 +75,7 @@ def trial_page(trial: Trial, other: Trial | None = None, now: datetime | None = 
         fingertips=fingertip_table(trial.lifts) if lifts else None,
         reacted=None if other is None else beside(trial, other),
         charts=figures,
-        worst=[_with_strips(trial, lift) for _, lift in worst],
+        worst=[_with_strips(trial, lift, by_anchor[anchor(lift)]) for _, lift in worst],
         lifts=lifts,
         lift_table=lift_table(trial.lifts),
         key=key(),
@@ -86,7 +87,17 @@ def trial_page(trial: Trial, other: Trial | None = None, now: datetime | None = 
         calibrations=calibration_table(trial.manifest, now),
         made=made_text(now),
     )
-    return ReportPage(with_films(page, trial), [*figures, *lifts], objects, trial.manifest.simulated)
+    return ReportPage(with_films(page, trial, jobs), [*figures, *lifts], objects, trial.manifest.simulated)
+
+
+def _drawn_lift(folder: Path, keep_figure: bool, lift: Lift) -> Chart:
+    """Return the chart of a lift, drawn, with the data for the page's program."""
+    data = explored(lift, angle_panels(lift))
+    with suppress(*UNREADABLE):  # the page has a notice about the damaged recording
+        data = recorded_lift(folder / lift.recording, lift, film_mark(lift))
+    chart = lift_chart(lift, lift_caption(lift))
+    figure = chart.figure if keep_figure else None
+    return replace(chart, anchor=anchor(lift), explored=data, drawn=chart.draw(), figure=figure)
 
 
 def _limit_table(trial: Trial) -> Table | None:
@@ -175,16 +186,16 @@ def fingertip_table(lifts: Sequence[Lift]) -> Table:
     return Table(("angle of", "MARE in B, °", "MARE in B and C, °", "answered"), rows)
 
 
-def _with_strips(trial: Trial, lift: Lift) -> dict[str, object]:
+def _with_strips(trial: Trial, lift: Lift, chart: Chart) -> dict[str, object]:
     strips, problem = dict[str, list[Still]](), None
     path, signs = trial.folder / lift.recording, trial.manifest.signs
     for serial in trial.manifest.serials:
         name = serial if serial in signs else f"camera {serial}, marker angle"
         try:
-            strips[name] = strip(path, lift, serial, signs.get(serial))
+            stored = stored_images(path, [serial])
+            strips[name] = strip(path, stored, lift, serial, signs.get(serial))
         except UNREADABLE as error:
             problem = Notice("bad", f"The frames of {serial} cannot be shown.", str(error))
-    chart = lift_chart(lift, lift_caption(lift))
     return {"chart": chart, "strips": strips, "problem": problem, "anchor": anchor(lift)}
 
 

@@ -12,6 +12,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from drivers.errors import InputError, RecordingError
+from drivers.realtime import compute_in_one_thread
 from rig.pages.figure import column_files
 from rig.pages.page import render
 from rig.report.parts import Notice, ReportPage, Table, made_text
@@ -32,28 +33,39 @@ class Written:
 
 
 def write_report(
-    sources: Sequence[Path], out: Path | None = None, beside: Path | None = None, figures: Path | None = None
+    sources: Sequence[Path],
+    out: Path | None = None,
+    beside: Path | None = None,
+    figures: Path | None = None,
+    jobs: int = 1,
 ) -> Written:
     """Write the report of one session, or of CSV files (or folders of them) with two angle curves.
 
     out: the page's file; default `report.html` in the session or folder, in the current folder
     for single files. beside: another session of the same lifts, where one reacts to slip and one does not.
     figures: folder for the figures and the table of a trial, or of CSV files, as files for a paper.
+    jobs: processes that read and draw a trial's lifts.
     Raises `InputError` for sources that are neither, `RecordingError` if the page cannot be written.
     """
     for source in sources:
         if not source.exists():
             raise InputError(f"{source}: no such session, folder or file")
+    if jobs > 1:  # forks cannot use the threads of OpenCV
+        compute_in_one_thread()
+    if figures is not None:  # figures cannot leave the process that draws them
+        jobs = 1
     session = next((s for s in sources if is_session(s)), None)
     if session is not None:
         if len(sources) > 1:
             raise InputError(f"{session} is a session: a report shows one session; rig compare compares two")
         if beside is None:
-            page, problems = _session_page(session)
+            page, problems = _session_page(session, jobs)
         else:
             why = "only trials react to slip"
-            both = [read_trial(of, read_manifest_of(of, TrialManifest, why)) for of in (session, beside)]
-            page, problems = _trial_page(*both)
+            both = [
+                read_trial(of, read_manifest_of(of, TrialManifest, why), jobs) for of in (session, beside)
+            ]
+            page, problems = _trial_page(jobs, *both)
         return _written(out or session / REPORT, page, problems, figures)
     if beside is not None:
         raise InputError(f"--beside {beside}: only a trial can be shown beside another")
@@ -64,11 +76,11 @@ def write_report(
     return _written(out or default, curves_page(lifts, notes), notes, figures)
 
 
-def _session_page(folder: Path) -> tuple[ReportPage, tuple[str, ...]]:
+def _session_page(folder: Path, jobs: int) -> tuple[ReportPage, tuple[str, ...]]:
     try:
         manifest = read_manifest_of(folder, WITH_REPORT, "trials and recordings have reports")
         if isinstance(manifest, TrialManifest):
-            return _trial_page(read_trial(folder, manifest))
+            return _trial_page(jobs, read_trial(folder, manifest, jobs))
         from rig.report.recording_page import read_recording, recording_page
 
         recording = read_recording(folder, manifest)
@@ -77,11 +89,11 @@ def _session_page(folder: Path) -> tuple[ReportPage, tuple[str, ...]]:
         return ReportPage(_broken_page(folder, error)), (str(error),)
 
 
-def _trial_page(trial: Trial, *others: Trial) -> tuple[ReportPage, tuple[str, ...]]:
+def _trial_page(jobs: int, trial: Trial, *others: Trial) -> tuple[ReportPage, tuple[str, ...]]:
     """Return the page of a trial, beside another one if it is given. Raises `InputError`."""
     from rig.report.trial_page import trial_page
 
-    page = trial_page(trial, next(iter(others), None))
+    page = trial_page(trial, next(iter(others), None), jobs=jobs)
     return page, tuple(notice.what for of in (trial, *others) for notice in of.problems)
 
 
@@ -138,7 +150,7 @@ def write_paper(folder: Path, page: ReportPage) -> None:
         raise InputError(f"{folder}: cannot be made ({error.strerror}); choose another --figures") from error
     mark, table = SIMULATED if page.simulated else "", page.table
     for chart in page.charts:
-        for ending, data in column_files(chart.figure).items():
+        for ending, data in column_files(chart.figure).items() if chart.figure else ():
             name = re.sub(r"[^\w]+", "_", chart.title.replace("|", "")).strip("_")
             write_file(folder / f"{mark}{name}.{ending}", data)
     if table is not None:

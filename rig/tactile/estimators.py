@@ -1,8 +1,10 @@
 """Make estimators by name, the rig's own and foreign ones."""
 
 import shlex
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
+from threading import Thread
 
 import numpy as np
 
@@ -86,6 +88,18 @@ class EstimatorChoice:
         except InputError:
             return
 
+    def begin_trying(self) -> Callable[[], bool]:
+        """Do the same as `try_making`, but compile loops in a thread; return whether the thread has ended.
+
+        The program ends only after the thread, because Python may crash at exit in the middle of it.
+        """
+        if self.name != DEFAULT_ESTIMATOR:
+            self.try_making()
+            return lambda: True
+        thread = Thread(target=_compile_loops, name="compiling")
+        thread.start()
+        return lambda: not thread.is_alive()
+
     @property
     def foreign(self) -> bool:
         """Whether the estimator is not one of the rig's own."""
@@ -128,6 +142,12 @@ class EstimatorChoice:
         if self.name == TOSKOV:
             return ToskovEstimator(background, sign)
         return AxisEstimator(ContactFinder(background), METHODS[self.name])
+
+
+def _compile_loops() -> None:
+    from rig.tactile.slip.compiling import compile_all  # here, because importing numba is slow
+
+    compile_all()
 
 
 def choose_estimator(

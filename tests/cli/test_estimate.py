@@ -6,6 +6,7 @@ import json
 import re
 import subprocess
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -223,7 +224,7 @@ def session(press: Draw, blank: Image, tmp_path: Path, monkeypatch: pytest.Monke
         for i, image in enumerate(drawn_frames(press))
     ]
     series = [
-        SessionSeries("001", serial, sign, None, blank, FrameSeries(serial, lambda: iter(frames)))
+        SessionSeries("001", serial, sign, None, blank, FrameSeries(serial, partial(iter, frames)))
         for serial, sign in (("D1", 1), ("D2", -1))
     ]
     monkeypatch.setattr(session_frames, "session_frames", lambda path: (series, ()))

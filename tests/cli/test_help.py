@@ -25,7 +25,8 @@ def every_command() -> Iterator[tuple[str, Any]]:
     root = program()
     assert isinstance(root, TyperGroup)
     yield "", root
-    yield from ((name, each) for name, each in root.commands.items() if isinstance(each, TyperGroup))
+    imported = ((name, root.get_command(None, name)) for name in root.commands)
+    yield from ((name, each) for name, each in imported if isinstance(each, TyperGroup))
     yield from commands().items()
 
 
@@ -51,6 +52,11 @@ def stated(command: Any) -> Iterator[str]:
         yield " ".join(option for option in param.opts if option.startswith("-"))
     for inner in getattr(command, "commands", {}).values():
         yield inner.help.split("\n\n")[0]
+
+
+@pytest.mark.parametrize("name", program().commands)
+def test_summary_in_the_list_of_commands_is_the_first_paragraph_of_the_help(name: str) -> None:
+    assert program().commands[name].help == " ".join(EVERY[name].help.split("\n\n")[0].split())
 
 
 @pytest.mark.parametrize("columns", [80, pytest.param(140, marks=pytest.mark.long)])

@@ -65,6 +65,15 @@ def test_angle_follows_the_object_from_the_moment_the_contact_has_settled(side: 
     assert set(values) >= {"t_s", "angle_deg", "sigma_deg", "state", "rate_deg_s", "latency_ms"}
 
 
+def test_frames_are_shown_while_the_estimator_is_prepared() -> None:
+    sensor = tip()
+    sensor.prepared = lambda: sensor._tally.frames > BACKGROUND_FRAMES + 2
+    shown = readings(sensor, 2.8)
+    states = [r.state for r in shown[BACKGROUND_FRAMES : BACKGROUND_FRAMES + 3]]
+    assert states == ["preparing the estimator"] * 2 + ["no_contact"]
+    assert all(r.frame is not None for r in shown)
+
+
 @pytest.mark.parametrize("with_jpeg", [True, *long(False)])
 def test_clip_has_the_frames_unchanged_and_gives_the_angles_of_the_live_view(
     tmp_path: Path, with_jpeg: bool

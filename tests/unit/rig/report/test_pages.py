@@ -148,6 +148,15 @@ def test_films_have_fewer_pictures_if_the_page_has_no_room_and_the_page_says_so(
     assert [(len(film["times"]), film["about"]) for film in films_of(small)] == [(6, about)] * 2
 
 
+@pytest.mark.slow
+def test_page_is_the_same_if_two_processes_read_and_draw_it(page: Page, trial: Path, tmp_path: Path) -> None:
+    def lasting(html: str) -> str:  # figures are counted per process
+        return re.sub(r"\d{4}-\d\d-\d\d \d\d:\d\d UTC|\bf\d+-", "", html)
+
+    parallel = write_report([trial], tmp_path / "page.html", jobs=2).path.read_text(encoding="utf-8")
+    assert lasting(parallel) == lasting(page.html)
+
+
 def test_page_begins_with_simulated_and_has_the_errors_of_the_session(page: Page, trial: Path) -> None:
     assert 0 < page.text.index("SIMULATED") < page.text.index("MARE")
     rows = [json.loads(line) for line in (trial / "lifts.jsonl").read_text().splitlines()]

@@ -1,9 +1,12 @@
 """The cache of compiled loops, and the message about compiling."""
 
+import fcntl
 import importlib.util
 import logging
 import sys
+import threading
 from collections.abc import Iterator
+from contextlib import ExitStack, nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +15,7 @@ from numba.core import config
 from numba.core.event import install_listener
 
 from rig.tactile.slip.compiled import is_cached
-from rig.tactile.slip.compiling import _Report, compile_all
+from rig.tactile.slip.compiling import _other_half, _Report, compile_all
 
 MODULE = "installed_loops"
 TEXT = """
@@ -75,12 +78,44 @@ def test_compiling_is_reported_once_and_only_if_something_is_compiled(
     tmp_path: Path, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("drivers.progress._display", None)  # commands of other tests leave one
+    monkeypatch.setattr("rig.tactile.slip.compiling._other_half", nullcontext)
     with caplog.at_level(logging.WARNING):
         for folder, messages in (("first", 1), ("second", 1)):
-            with install_listener("numba:compile", _Report()):
+            with ExitStack() as begun, install_listener("numba:compile", _Report(begun)):
                 installed(tmp_path / folder)(2.0)
                 assert len(caplog.messages) == messages
-    assert caplog.messages[0].startswith("compiling the estimator, about 11 s if a core is idle, once")
+    assert caplog.messages[0].startswith("compiling the estimator, about 6 s if two cores are idle, once")
+
+
+def test_process_waits_while_another_one_compiles_and_starts_no_child(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("subprocess.Popen", None)
+    entered = threading.Event()
+
+    def enter() -> None:
+        with _other_half(tmp_path):
+            entered.set()
+
+    with (tmp_path / "compiling.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        waiting = threading.Thread(target=enter)
+        waiting.start()
+        assert not entered.wait(0.2)
+    waiting.join(10.0)
+    assert entered.is_set()
+
+
+@pytest.mark.long
+def test_child_process_compiles_the_other_half_into_the_cache(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    with _other_half(tmp_path):
+        pass
+    compiled = {file.name.split(".")[1].split("-")[0] for file in tmp_path.rglob("*.nbi")}
+    assert {"fit_light", "weigh", "strongest_energy"} <= compiled
+    assert "align" not in compiled
 
 
 def test_cached_loops_of_the_estimator_cause_no_message(caplog: pytest.LogCaptureFixture) -> None:

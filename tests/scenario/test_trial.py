@@ -21,6 +21,7 @@ from rig.sessions.rows import read_finished_lifts, read_lifts
 from rig.tactile.estimators import choose_estimator
 from support.benches import lighter, short_phases
 from support.command_line import rig
+from support.marks import long
 from support.waiting import until
 
 
@@ -145,7 +146,7 @@ def in_progress(command: list[str]) -> "subprocess.Popen[str]":
     return process
 
 
-@pytest.mark.parametrize(("how", "code"), [(signal.SIGINT, 3), (signal.SIGKILL, -signal.SIGKILL)])
+@pytest.mark.parametrize(("how", "code"), [(signal.SIGKILL, -signal.SIGKILL), *long((signal.SIGINT, 3))])
 def test_interrupted_or_killed_trial_leaves_no_process(
     in_progress: "subprocess.Popen[str]", how: signal.Signals, code: int
 ) -> None:

@@ -169,8 +169,8 @@ def quick_figures(monkeypatch: pytest.MonkeyPatch) -> None:
     def empty(figure: object, alt: str) -> Markup:
         return Markup('<svg role="img" aria-label="{}" fill="var(--ink)"></svg>').format(alt)
 
-    for module in ("rig.report.parts", "rig.calibrate.figures"):
-        monkeypatch.setattr(f"{module}.svg", empty)
+    for name in ("rig.report.parts.drawn_svg", "rig.calibrate.figures.svg"):
+        monkeypatch.setattr(name, empty)
 
 
 @pytest.fixture

@@ -37,7 +37,7 @@ PARTS = {
     "report": "rig.benchmark.lift.write_report",
     "report: films": "rig.report.explored.lift_film",
     "report: strips": "rig.report.trial_page.strip",
-    "report: figures": "rig.report.parts.svg",
+    "report: figures": "rig.report.parts.drawn_svg",
 }
 """The function that carries out each part of the work."""
 REST = "everything else"

@@ -49,7 +49,7 @@ FRACTIONS = frozenset(
     "good_score plain_fit least_richness least_count resting turning sticks anything correlation".split()
 )
 """Parameters between 0 and 1, besides those whose name ends with "share"."""
-COUNTS = frozenset("used iterations".split())
+COUNTS = frozenset("used check_frames iterations".split())
 """Parameters that are numbers of things: at least 1, and changed by 1 at least."""
 SURE = 2.0  # a gain must exceed this many of its standard errors: by chance one change of 40 does
 INDEPENDENT = 12.0

@@ -34,8 +34,9 @@ class Alignment:
     slopes_share: weight of the slopes beside the texture in the first reading. broad_share: part of the broad
     slopes that is subtracted. prior_weight: of the expected angle. rest_share, noise_share: likelihood of
     points that rest with the gel, and their noise, in squares of the template. good_score, most_loss,
-    surprise_rad: a fit that is worse than this fraction of the usual score, loses more agreement of the
-    curvature, or surprises by more, is searched; from that surprise on the expected angle pulls no stronger.
+    surprise_rad, check_frames: a fit that is worse than this fraction of the usual score, loses more
+    agreement of the curvature, surprises by more, or was not checked for this number of frames, is searched;
+    from that surprise on the expected angle pulls no stronger.
     score_of_loss: weight of the loss in the rank. aside_rad: distance of further starts. least_score,
     give_up_s: a joint fit below is none; the contact begins again after this time without one. network_s,
     look_s: period of the network, and of the texture while the slopes lead. steep_share: slopes above this
@@ -68,6 +69,7 @@ class Alignment:
     rests_rad: float
     most_prior: float
     count_power: float
+    check_frames: float
     iterations: float
     closing_rank: float
     closing_gain: float

@@ -41,6 +41,8 @@ SAME_RAD, SAME_PX = math.radians(0.2), 0.1
 """Starts that are nearer to each other end at the same pose."""
 BETTER = 0.02
 """Least rank that a further start must gain to be followed."""
+ASTRAY_PX = 2.0
+"""A contact that has shifted otherwise than the tracked point by more, in one frame, is searched."""
 AFTER_LEADING = 4
 """While the texture leads, the slopes are aligned alone in every fourth frame."""
 CLOSING_RAD = math.radians(5.0)
@@ -160,7 +162,7 @@ class Contact:
         self._middle_px, self._contact_px = touch.pose.point_px, 0j
         self._zero_rad, self._time_s = pose.angle_rad, touch.time_s
         self._rate_rad_s, self._motion_px = 0.0, 0j
-        self._usual_score, self._looked_s = 1.0, touch.time_s
+        self._usual_score, self._checked, self._looked_s = 1.0, 0, touch.time_s
         self._weighed_s = touch.time_s
         self._texture_leads, self._led, self.disagrees = False, 0, False
         self._joint: Pose | None = None
@@ -430,20 +432,24 @@ class Contact:
         aligner, own = self._aligner, self._joint
         found = aligner.both([start] if alone is None or own is None else [own, alone.pose])
         self._usual_score += 0.2 * (min(found.score, 1.5) - self._usual_score)
+        self._checked += 1
         self.disagrees = found.loss >= ALIGNMENT.most_loss
         if not gap and (busy or not self._doubtful(found, start)):
             return found
+        self._checked = 0
         best, first = aligner.coarse(self._starts(found, start, seen.time_s, gap))
         if best.rank < first + BETTER:
             return found
         return max(found, aligner.both([best.pose]), key=lambda fit: fit.rank)
 
     def _doubtful(self, found: Fit, expected: Pose) -> bool:
-        """Whether a fit is worse than usual, or surprising."""
+        """Whether a fit is worse than usual, surprising, or has not been checked for some frames."""
         return (
             found.score < ALIGNMENT.good_score * self._usual_score
             or abs(found.angle_rad - expected.angle_rad) > ALIGNMENT.surprise_rad
+            or abs(found.pose.point_px - self.pose.point_px - self._contact_px) > ASTRAY_PX
             or self.disagrees
+            or self._checked >= ALIGNMENT.check_frames
         )
 
     def _starts(self, found: Fit, expected: Pose, time_s: float, gap: bool) -> list[Pose]:

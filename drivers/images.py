@@ -1,6 +1,5 @@
 """Image encoders and decoders, shared by everything except the fakes, which keep their own."""
 
-import struct
 from collections.abc import Collection, Iterable
 from dataclasses import replace
 from io import BytesIO
@@ -10,7 +9,7 @@ import cv2
 import numpy as np
 from cv2.typing import MatLike
 
-from drivers.errors import FormatError, InputError, RecordingError
+from drivers.errors import FormatError, InputError, RecordingError, RigError
 from drivers.formats import (
     MOST_PIXELS,
     holds_floats,
@@ -69,8 +68,11 @@ def _of_floats(data: bytes, grey: bool) -> Image:
     import tifffile
 
     try:
-        values = np.asarray(tifffile.imread(BytesIO(data)), np.float64)
-    except (ValueError, RuntimeError, struct.error, IndexError) as error:
+        with tifffile.TiffFile(BytesIO(data)) as file:
+            values = np.asarray(file.pages.first.asarray(), np.float64)
+    except RigError:  # a stop by the operator
+        raise
+    except Exception as error:  # the exceptions of tifffile have no common base class
         raise FormatError(f"is a TIFF that cannot be decoded ({error})") from error
     if values.ndim == 3 and values.shape[2] > 4:  # planes one after the other
         values = np.moveaxis(values, 0, 2)

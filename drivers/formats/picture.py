@@ -86,7 +86,7 @@ def holds_floats(data: bytes) -> bool:
         return False
     tags, order = next(_pages(data)), "<" if data.startswith(b"II") else ">"
     kind = tags.get(_FORMAT, 1)
-    if tags.get(_SAMPLES, 1) > (4 if data.startswith(_TIFF[2:]) else 2):
+    if tags.get(_SAMPLES, 1) > (4 if data.startswith(_TIFF[2:]) else 2) and kind + 2 <= len(data):
         (kind,) = struct.unpack_from(f"{order}H", data, kind)
     return kind == _FLOAT
 

@@ -62,12 +62,15 @@ def served(tmp_path: Path, unhurried_bench: BenchConfig) -> Iterator[Served]:
 
 
 def trial(served: Served, bench: Path, out: Path, *more: str) -> "subprocess.Popen[str]":
-    """A trial in a script: with --yes and without a terminal."""
+    """A trial in a script: with --yes and without a terminal.
+
+    What the hand holds is stored for each test alone: an earlier one may end while its hand is opening.
+    """
     words = ["trial", "--lifts", "1", "--object", "wrench", "--no-report", "--yes", *more]
     program = subprocess.Popen(
         [sys.executable, "-c", SHORT_PHASES, *words, "--bench", str(bench), "--out", str(out)],
         stdin=subprocess.DEVNULL, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True,
-        env={**os.environ, "PYTHONUNBUFFERED": "1"},
+        env={**os.environ, "PYTHONUNBUFFERED": "1", "XDG_STATE_HOME": str(out.parent / "state")},
     )  # fmt: skip
     served.programs.append(program)
     return program

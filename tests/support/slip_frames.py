@@ -62,6 +62,6 @@ def source_of(fine: Field) -> Source:
     return Source(work_of(fine), region_of(fine).mask, texture_of(fine))
 
 
-def seen_at(time_s: float, fine: Field) -> Seen:
+def seen_at(time_s: float, fine: Field, torn: bool = False) -> Seen:
     """Return a difference as a frame for the tracker."""
-    return Seen(work_of(fine), lambda _: texture_of(fine), region_of(fine), round(1e9 * time_s))
+    return Seen(work_of(fine), lambda _: texture_of(fine), region_of(fine), torn, round(1e9 * time_s))

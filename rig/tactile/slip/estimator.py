@@ -24,6 +24,7 @@ from rig.tactile.slip.gradient import CalibratedSlopes, LearntGradientMap, learn
 from rig.tactile.slip.height import Field
 from rig.tactile.slip.light import Light, Lit
 from rig.tactile.slip.parameters import ALIGNMENT, MOST_RATE_RAD_S, MOTION, SIGMA
+from rig.tactile.slip.tearing import Tearing
 from rig.tactile.slip.texture import Texture, fine_scale
 from rig.tactile.slip.texture_stage import TextureStage
 from rig.tactile.slip.tracker import Seen, Tracked, Tracker
@@ -72,7 +73,7 @@ class SlipEstimator(FreshFrameEstimator):
         self._fine_due = False
         self._lit = Lit(RelativeDifference(background, size), marked)
         self._fine_lit = Lit(RelativeDifference(background, fine), marked)
-        self._gate = ContactGate()
+        self._gate, self._tearing = ContactGate(), Tearing()
         self._slopes = None if look is None else CalibratedSlopes(look, background, size)
         self._tracker = Tracker(_learnt_alone if self._slopes is None else self._slopes.map)
         self._texture = TextureStage(self._fine_lit, scale, fine)
@@ -105,6 +106,7 @@ class SlipEstimator(FreshFrameEstimator):
         region = self._gate.find(difference)
         if self._only_marks(fine, light, region, time_ns):
             region = None
+        torn = self._tearing.update(region)
         watch.lap("contact")
         if region is None:
             self._gone = True
@@ -126,7 +128,7 @@ class SlipEstimator(FreshFrameEstimator):
             watch.lap("texture")
             return of
 
-        tracked = self._tracker.follow(Seen(pattern, texture, region, time_ns), self._angle_rad or 0.0)
+        tracked = self._tracker.follow(Seen(pattern, texture, region, torn, time_ns), self._angle_rad or 0.0)
         self._texture.placed(time_ns, self._tracker.contact)
         skipped = () if texture.cache_info().currsize else ("texture",)
         if skipped and not self._skip:

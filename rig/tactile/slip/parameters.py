@@ -81,9 +81,10 @@ class Keyframes:
 
     richer, further_rad, grown: a frame with this many times the texture of the richest keyframe, that has
     turned by more from all, or, before the contact has settled, has this many times the area of the newest
-    one, becomes one. least_richness, power, used: fraction of the richest one's texture below which a
-    keyframe is not used, exponent of its weight, and number of those used. least_count, resting, turning:
-    least weight of texture, and the network's answers that give the least and the full weight.
+    one, becomes one. least_richness, power, used: fraction of the richest one's texture below
+    which a keyframe is not used, exponent of its weight, and number of those used. torn_ratio: ratio of areas
+    from which on a frame is torn. least_count, resting, turning: least weight of texture, and the network's
+    answers that give the least and the full weight.
     """
 
     richer: float
@@ -92,6 +93,7 @@ class Keyframes:
     least_richness: float
     power: float
     used: float
+    torn_ratio: float
     least_count: float
     resting: float
     turning: float

@@ -56,12 +56,14 @@ class Seen:
     """A frame with a contact.
 
     difference: (h, w, 3), relative, or slopes of `CalibratedSlopes`. texture: returns the texture, cheaply if
-    the frame is busy with another long step.
+    the frame is busy with another long step. torn: whether parts of two images seem mixed; no keyframe is
+    made of it.
     """
 
     difference: Field
     texture: Callable[[bool], Texture]
     region: Region
+    torn: bool
     time_ns: int
 
     @property
@@ -117,8 +119,9 @@ class Tracker:
         """
         busy = False
         if self._state is None:
-            self._state = Touch(seen, Pose(angle_rad, _middle(seen.region.mask)))
-            return None if self._refused else self._state.tracked
+            if not seen.torn:
+                self._state = Touch(seen, Pose(angle_rad, _middle(seen.region.mask)))
+            return None if self._state is None or self._refused else self._state.tracked
         if isinstance(self._state, Touch):
             self._state, busy = self._begun(self._state), True
             self._refused = self._state is None
@@ -223,7 +226,7 @@ class Contact:
         self._accept(fit, seen.time_s)
         free = not self._pending
         self._settled_frames += self._settling.settled and free and not self._forced
-        usable = free and (looked or self._forced)
+        usable = free and not seen.torn and (looked or self._forced)
         if usable and self._wants(seen, fit, busy):
             self._forced, poses = False, [reading.pose for reading in self._readings]
             self._pending.append(partial(self._renew, seen.source(busy), poses, fit.alone))

@@ -15,8 +15,10 @@ from numpy.typing import NDArray
 
 from drivers.images import read_image
 from rig.tactile.contact.background import auto_background
+from rig.tactile.contact.gate import Region
 from rig.tactile.sample import SlipSample, State
 from rig.tactile.slip.estimator import SlipEstimator
+from rig.tactile.slip.tearing import Tearing
 from support.marks import long
 
 Image = NDArray[np.uint8]
@@ -256,6 +258,14 @@ def test_codec_refresh_is_not_a_contact(press: Draw, blank: Image) -> None:
     samples = run(SlipEstimator(blank), [*fresh, *lift(press, 0.0)])
     assert {sample.state for sample in samples[:12]} == {State.NO_CONTACT}
     assert samples[-1].sigma_deg < 1.0
+
+
+@pytest.mark.parametrize(("areas", "torn"), [((100, 100), False), ((100, 160), True), ((160, 100), True)])
+def test_area_change_by_half_counts_as_a_torn_frame(areas: tuple[int, int], torn: bool) -> None:
+    tearing, mask = Tearing(), np.ones((4, 4), np.uint8)
+    assert not tearing.update(Region(mask, areas[0], 0.1))
+    assert tearing.update(Region(mask, areas[1], 0.1)) == torn
+    assert not tearing.update(Region(mask, areas[1], 0.1))
 
 
 def held(background: Image, image: Image, frames: int = 14) -> list[SlipSample]:

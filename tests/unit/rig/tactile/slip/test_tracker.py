@@ -31,10 +31,12 @@ class Followed:
     def __init__(self) -> None:
         self.tracker, self.time_s = Tracker(learn_map), 0.0
 
-    def show(self, turn_deg: float, after_s: float = PERIOD_S, seed: int = 0) -> Tracked | None:
+    def show(
+        self, turn_deg: float, after_s: float = PERIOD_S, seed: int = 0, torn: bool = False
+    ) -> Tracked | None:
         """Return the fit of the next frame."""
         self.time_s += after_s
-        return self.tracker.follow(seen_at(self.time_s, drawn(20.0 + turn_deg, seed=seed)), 0.0)
+        return self.tracker.follow(seen_at(self.time_s, drawn(20.0 + turn_deg, seed=seed), torn), 0.0)
 
     def turned_deg(self, turn_deg: float, after_s: float = PERIOD_S) -> float:
         """Return the angle of the next frame, degrees."""
@@ -118,6 +120,17 @@ def test_keyframe_gets_the_pose_of_its_own_frame_although_it_is_made_later() -> 
     tracked = followed.show(9.0)
     assert tracked.rekeyed
     assert followed.key_angles_deg()[-1] == pytest.approx(asked, abs=0.3)
+
+
+def test_no_keyframe_is_made_of_torn_frames() -> None:
+    followed = Followed()
+    assert followed.show(0.0, torn=True) is None
+    assert followed.tracker.contact is None
+    followed = rested()
+    followed.contact.take_keyframe()
+    for frame in range(4):
+        followed.show(0.0, seed=frame, torn=True)
+        assert not followed.contact._pending
 
 
 def test_contact_without_a_dent_is_answered_in_its_first_frame_only() -> None:

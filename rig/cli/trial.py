@@ -54,7 +54,7 @@ class LiftOptions:
     )
     max_mare: float | None = option(
         None,
-        "Another limit: highest MARE (mean absolute error of the angle, phases B and C), degrees.",
+        "Limit of the MARE (mean absolute error of the angle, phases B and C), degrees; replaces another one.",
         min=0.0,
     )
     realtime: bool = option(False, "Run a simulated bench in real time. Default: as fast as possible.")
@@ -84,7 +84,7 @@ class LiftOptions:
     markers_only: bool = option(
         False,
         "Store only the surroundings of the markers of the external camera's pictures, the rest in grey. "
-        "A lift then takes about half of the disk.",
+        "A lift then takes 14 instead of 22 MB.",
         "--markers-only",
         stored="markers_only",
     )
@@ -230,7 +230,8 @@ def _prepare(context: typer.Context, options: TrialOptions) -> _Trial:
     objects = resolve_objects(options.objects, config.objects)
     given = config.limits if options.limits is None else read_limits(options.limits)
     if options.max_mare is not None:
-        given = (*given, LimitConfig(figure="mare_deg", upper=options.max_mare))
+        others = [of for of in given if (of.figure, of.object) != ("mare_deg", None)]
+        given = (*others, LimitConfig(figure="mare_deg", upper=options.max_mare))
     config = config.model_copy(update={"limits": checked_limits(given, objects, config.objects)})
     settings = replace(settings, bench=config)
     require_reaction(settings, objects)

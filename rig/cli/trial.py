@@ -54,7 +54,7 @@ class LiftOptions:
     )
     max_mare: float | None = option(
         None,
-        "Limit of the MARE (mean absolute error of the angle, phases B and C), degrees; replaces another one.",
+        "Limit of the MARE (mean absolute error of the angle, phases B and C), degrees.",
         min=0.0,
     )
     realtime: bool = option(False, "Run a simulated bench in real time. Default: as fast as possible.")

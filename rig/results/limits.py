@@ -137,9 +137,7 @@ def checked_limits(limits: Limits, objects: Sequence[str], own: Sequence[GraspFi
     checked = []
     for number, limit in enumerate(limits):
         where = f"limits[{number}]"
-        if limit.figure not in LIFT_FIGURES and limit.figure not in SESSION_FIGURES:
-            error = unknown_name("figure", limit.figure, [*LIFT_FIGURES, *SESSION_FIGURES])
-            raise InputError(f"{where}: {error}")
+        _require_figure(limit, where)
         unit = unit_of(limit.figure)
         if limit.unit is not None and limit.unit != unit:
             raise InputError(f"{where}: {limit.figure} is in '{unit}', and the limit in '{limit.unit}'")
@@ -150,15 +148,23 @@ def checked_limits(limits: Limits, objects: Sequence[str], own: Sequence[GraspFi
     return tuple(checked)
 
 
+def _require_figure(limit: LimitConfig, where: str) -> None:
+    if limit.figure not in LIFT_FIGURES and limit.figure not in SESSION_FIGURES:
+        error = unknown_name("figure", limit.figure, [*LIFT_FIGURES, *SESSION_FIGURES])
+        raise InputError(f"{where}: {error}")
+
+
 def judged(limits: Limits, rows: Sequence[Lift], timing: Sequence[LiftTiming] = ()) -> list[Judged]:
     """Return each figure that has a limit, in the order of the limits.
 
-    rows: attempts of a session, of which the accepted ones count. timing: of these, if known.
+    rows: attempts of a session, of which the accepted ones count. timing: of these, if known. Raises
+    `InputError` for an unknown figure, as in the limits of a session that was stored by another version.
     """
     lifts = finished(rows)
     times = {(of.number, of.attempt): of for of in timing}
     found = []
     for limit in limits:
+        _require_figure(limit, "limits")
         own = [lift for lift in lifts if limit.object in (None, lift.object)]
         if limit.figure in LIFT_FIGURES:
             figure = LIFT_FIGURES[limit.figure]

@@ -84,11 +84,9 @@ def holds_floats(data: bytes) -> bool:
     """Whether an accepted image is a TIFF with floating-point samples."""
     if not data.startswith(_TIFF):
         return False
-    tags, order = next(_pages(data)), "<" if data.startswith(b"II") else ">"
-    kind = tags.get(_FORMAT, 1)
-    if tags.get(_SAMPLES, 1) > (4 if data.startswith(_TIFF[2:]) else 2) and kind + 2 <= len(data):
-        (kind,) = struct.unpack_from(f"{order}H", data, kind)
-    return kind == _FLOAT
+    with suppress(struct.error):
+        return _of_first_sample(data, next(_pages(data)), _FORMAT) == _FLOAT
+    return False
 
 
 def may_hold_several(beginning: bytes) -> bool:
@@ -187,10 +185,18 @@ def _pixel_bytes(data: bytes) -> int:
     if not data.startswith(_TIFF):
         return 3
     tags = next(_pages(data))
-    samples, bits = tags.get(_SAMPLES, 1), tags.get(_BITS, 1)
-    if samples > (4 if data.startswith(_TIFF[2:]) else 2):  # too many for the entry, which has their offset
-        (bits,) = struct.unpack_from("<H" if data.startswith(b"II") else ">H", data, bits)
-    return -(-samples * bits // 8)
+    return -(-tags.get(_SAMPLES, 1) * _of_first_sample(data, tags, _BITS) // 8)
+
+
+def _of_first_sample(data: bytes, tags: Tags, tag: int) -> int:
+    """Return, for the first sample, a TIFF tag that has one value per sample; 1 if it is missing."""
+    value = tags.get(tag, 1)
+    most = 4 if data.startswith(_TIFF[2:]) else 2
+    if tag not in tags or tags.get(_SAMPLES, 1) <= most:
+        return value
+    # more values than fit into the entry, which then has their offset
+    (value,) = struct.unpack_from("<H" if data.startswith(b"II") else ">H", data, value)
+    return value
 
 
 def _webp(data: bytes) -> Size:

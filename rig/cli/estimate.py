@@ -202,10 +202,8 @@ def _all_estimated(run: "Estimation", tips: "Sequence[SessionSeries]") -> "Itera
     from rig.experiments.process_pool import run_in_order
 
     def begin() -> None:
-        end_phase(wait=True)
-        begin_phase(
-            f"estimating with {run.choice.name}", ticking=False
-        )  # workers are forks, which must not copy a thread
+        end_phase(wait=True)  # workers are forks, which must not copy a thread
+        begin_phase(f"estimating with {run.choice.name}", ticking=False)
 
     begin()
     compute_in_one_thread()

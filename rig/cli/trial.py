@@ -1,7 +1,7 @@
 """`rig trial`: lift objects, measure their rotation, and compare it with the markers."""
 
 import time
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -226,14 +226,13 @@ def _prepare(context: typer.Context, options: TrialOptions) -> _Trial:
     choice = choose_estimator(options.estimator, options.window, not options.no_skip)
     slip = SlipSettings(options.alarms_per_hour, options.max_turn_deg)
     kind = ReactionKind(options.react)
-    settings = TrialSettings(config, options.seed, choice, options.realtime, kind, slip, options.markers_only)
     objects = resolve_objects(options.objects, config.objects)
     given = config.limits if options.limits is None else read_limits(options.limits)
     if options.max_mare is not None:
         others = [of for of in given if (of.figure, of.object) != ("mare_deg", None)]
         given = (*others, LimitConfig(figure="mare_deg", upper=options.max_mare))
     config = config.model_copy(update={"limits": checked_limits(given, objects, config.objects)})
-    settings = replace(settings, bench=config)
+    settings = TrialSettings(config, options.seed, choice, options.realtime, kind, slip, options.markers_only)
     require_reaction(settings, objects)
     jobs = trial_jobs(options.jobs, config.in_process, options.realtime)
     if stored is not None:

@@ -103,9 +103,7 @@ def _drawn_lift(folder: Path, keep_figure: bool, lift: Lift) -> Chart:
 def _limit_table(trial: Trial) -> Table | None:
     """Return the table of limits, None without any."""
     found = judged(trial.manifest.config.limits, trial.rows, trial.timing)
-    headings = list(enumerate(LIMIT_HEADINGS))
-    columns = {name: (lambda row, place=place: row[place]) for place, name in headings}
-    return table_of(limit_rows(found), columns, text=(0, 1, 3)) if found else None
+    return Table(LIMIT_HEADINGS, limit_rows(found), text=(0, 1, 3)) if found else None
 
 
 def object_table(summary: TrialSummary) -> Table:

@@ -45,7 +45,7 @@ from rig.tactile.slip.pixels import (
 COMPILING_S = 6
 """Duration of the compilation on two idle cores, s: the CPU time of the slower half and of its start."""
 OTHER_HALF_S = 120.0
-"""Longest wait for the child process; what it has not compiled then is compiled here."""
+"""Time limit for the child process, s. If it is reached, this process compiles the rest."""
 
 
 class _Report(Listener):

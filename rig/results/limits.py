@@ -5,10 +5,10 @@ the session.
 """
 
 import json
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any
 from xml.etree import ElementTree
 
 from pydantic import ValidationError
@@ -23,15 +23,10 @@ from rig.sessions.records import Lift, LiftTiming, finished, lift_columns
 
 Limits = tuple[LimitConfig, ...]
 
-UNITS = {"deg": "deg", "s": "s", "m": "m", "ms": "ms", "px": "px"}
-"""Unit of a figure by the last part of its name; others have none."""
-
-
-class Figure(NamedTuple):
-    """A figure with a limit. value: None if it was not measured, which misses a limit."""
-
-    doc: str
-    value: Callable[..., float | None]
+UNITS = ("deg", "s", "m", "ms", "px")
+"""Last parts of figures' names that are their unit; others have none."""
+OfLift = Callable[[Lift, LiftTiming | None], float | None]
+"""Returns a figure of a lift; None if it was not measured, which misses a limit."""
 
 
 def _apart(one: float | None, other: float | None) -> float | None:
@@ -43,59 +38,39 @@ def _largest_delay_ms(_: Lift, timing: LiftTiming | None) -> float | None:
     return max((of.p99_ms for of in delays.values()), default=None)
 
 
-def _column_figures() -> Iterator[tuple[str, Figure]]:
-    for column in lift_columns():
-        if column.kind in (int, float) and column.name not in ("number", "attempt", "lift"):
-            yield column.name, Figure("", lambda lift, _, value=column.value: value(lift))
+def _in_column(value: Callable[[Lift], Any]) -> OfLift:
+    return lambda lift, _: value(lift)
 
 
-LIFT_FIGURES: Mapping[str, Figure] = {
-    **dict(_column_figures()),
-    "abs_final_error_deg": Figure(
-        "absolute difference of estimate and true angle at the end of phase C",
-        lambda lift, _: _apart(lift.final_estimate_deg, lift.final_truth_deg),
+LIFT_FIGURES: Mapping[str, OfLift] = {
+    **{
+        column.name: _in_column(column.value)
+        for column in lift_columns()
+        if column.kind in (int, float) and column.name not in ("number", "attempt", "lift")
+    },
+    "abs_final_error_deg": lambda lift, _: _apart(lift.final_estimate_deg, lift.final_truth_deg),
+    "onset_delay_s": lambda lift, _: lift.onset_delay_s,
+    # The next two are 0 where the lift has no warning, or if they cannot be measured.
+    "lag_s": lambda lift, _: lift.lag.lag_s if lift.lag else 0.0,
+    "clock_rate_off": lambda lift, _: max(
+        (abs(rate - 1.0) for rate in (lift.clock_rates or {}).values()), default=0.0
     ),
-    "onset_delay_s": Figure(
-        "onset seen in the estimate after the true one", lambda lift, _: lift.onset_delay_s
-    ),
-    "lag_s": Figure(
-        "by how much the estimate follows the markers; 0 below 0.05 s, or if it cannot be measured",
-        lambda lift, _: lift.lag.lag_s if lift.lag else 0.0,
-    ),
-    "clock_rate_off": Figure(
-        "largest deviation of the speed of time stamps from 1; 0 below the limit of the warning",
-        lambda lift, _: max((abs(rate - 1.0) for rate in (lift.clock_rates or {}).values()), default=0.0),
-    ),
-    "dropped": Figure("dropped frames of all sources", lambda lift, _: sum(lift.dropped.values())),
-    "contact_area_px": Figure(
-        "smallest contact area at the end of phase A",
-        lambda lift, _: min(lift.contact_area_px.values(), default=None),
-    ),
-    "capture_to_angle_p99_ms": Figure(
-        "99 % of the delays from capture to angle, of the slower fingertip; only in real time",
-        _largest_delay_ms,
-    ),
+    "dropped": lambda lift, _: sum(lift.dropped.values()),
+    "contact_area_px": lambda lift, _: min(lift.contact_area_px.values(), default=None),
+    "capture_to_angle_p99_ms": _largest_delay_ms,
 }
 """Figures of a lift by name: the numbers of `lifts.csv`, and further ones that are computed."""
-SESSION_FIGURES: Mapping[str, Figure] = {
-    "mare_deg": Figure("MARE over phases B and C", lambda of: of.mare and of.mare.mean_deg),
-    "mare_b_deg": Figure("MARE over phase B", lambda of: of.mare_b and of.mare_b.mean_deg),
-    "mare_held_deg": Figure(
-        "MARE with refused frames held at the last answer", lambda of: of.mare_held and of.mare_held.mean_deg
-    ),
-    "answered_in_all": Figure("share of frames with an angle over all lifts", lambda of: of.answered),
-    "lifts_accepted": Figure("number of accepted lifts", lambda of: of.lifts_accepted),
-    "lifts_refused": Figure(
-        "number of lifts without any angle",
-        lambda of: of.lifts_accepted - (of.mare.lifts if of.mare else 0),
-    ),
+SESSION_FIGURES: Mapping[str, str] = {
+    "answered_in_all": "answered",
+    **{name: name for name in ("mare_deg", "mare_b_deg", "mare_held_deg", "lifts_accepted", "lifts_refused")},
 }
-"""Figures of a session, or of one of its objects, by name."""
+"""Figures of a session, or of one of its objects, with their keys in `TrialSummary.as_json`."""
 
 
 def unit_of(figure: str) -> str:
     """Return the unit of a figure, which is the end of its name; "" for a number or share."""
-    return UNITS.get(figure.rpartition("_")[2], "") if "_" in figure else ""
+    unit = figure.rpartition("_")[2]
+    return unit if unit in UNITS else ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -168,10 +143,10 @@ def judged(limits: Limits, rows: Sequence[Lift], timing: Sequence[LiftTiming] = 
         own = [lift for lift in lifts if limit.object in (None, lift.object)]
         if limit.figure in LIFT_FIGURES:
             figure = LIFT_FIGURES[limit.figure]
-            values = [(of.title, figure.value(of, times.get((of.number, of.attempt)))) for of in own]
+            values = [(of.title, figure(of, times.get((of.number, of.attempt)))) for of in own]
         else:
             of = "session" if limit.object is None else own[0].name if own else limit.object
-            values = [(of, SESSION_FIGURES[limit.figure].value(summarize_lifts(own)))]
+            values = [(of, summarize_lifts(own).as_json()[SESSION_FIGURES[limit.figure]])]
         found += [Judged(of, limit.figure, value, _asked(limit), _met(limit, value)) for of, value in values]
     return found
 
@@ -179,7 +154,8 @@ def judged(limits: Limits, rows: Sequence[Lift], timing: Sequence[LiftTiming] = 
 def _asked(limit: LimitConfig) -> str:
     least = None if limit.lower is None else f"at least {limit.lower:g}"
     most = None if limit.upper is None else f"at most {limit.upper:g}"
-    return f"{' and '.join(filter(None, (least, most)))} {unit_of(limit.figure)}".rstrip()
+    asked = f"{' and '.join(filter(None, (least, most)))} {unit_of(limit.figure)}".rstrip()
+    return asked if limit.object is None else f"{asked}, object {limit.object}"
 
 
 def _met(limit: LimitConfig, value: float | None) -> bool:

@@ -145,7 +145,12 @@ def _valley(costs: NDArray[np.float64], place: int) -> float:
 
 
 def _blocks(image: Image) -> tuple[float, float]:
-    """Return the difference of neighbours at the borders of blocks over the one inside, and minus it."""
+    """Return the difference of neighbours at the borders of blocks over the one inside, and minus it.
+
+    Both are 0 for a frame that is not larger than a block.
+    """
+    if min(image.shape[:2]) <= BLOCK_PX:
+        return 0.0, 0.0
     green = cv2.extractChannel(image, 1)
     at_borders, inside = [], []
     for axis in (0, 1):

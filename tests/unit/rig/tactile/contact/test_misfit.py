@@ -94,6 +94,12 @@ def test_dead_lines_are_named(desk: list[Frame], rows: slice, columns: slice, na
     assert misfit(mean_background(frames[:15]), frames) == "", "the background has them too"
 
 
+@pytest.mark.filterwarnings("error")
+def test_frame_of_the_size_of_a_block_has_no_blocks() -> None:
+    small = np.random.default_rng(0).integers(0, 255, (8, 40, 3), np.uint8)
+    assert misfit(small, [small] * 5) == ""
+
+
 @pytest.mark.parametrize(("quality", "named"), [(30, True), (70, False)])
 def test_strong_compression_is_named_with_its_own_remedy(
     desk: list[Frame], quality: int, named: bool

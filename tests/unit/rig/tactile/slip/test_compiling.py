@@ -84,7 +84,7 @@ def test_compiling_is_reported_once_and_only_if_something_is_compiled(
             with ExitStack() as begun, install_listener("numba:compile", _Report(begun)):
                 installed(tmp_path / folder)(2.0)
                 assert len(caplog.messages) == messages
-    assert caplog.messages[0].startswith("compiling the estimator, about 6 s if two cores are idle, once")
+    assert caplog.messages[0].startswith("compiling the estimator, about 12 s if two cores are idle, once")
 
 
 def test_process_waits_while_another_one_compiles_and_starts_no_child(

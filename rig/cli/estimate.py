@@ -163,7 +163,7 @@ def _recording(options: EstimateOptions, run: "Estimation") -> None:
     path = options.frames
     shown, samples, figures = [], [], []
     tips = of_sensor(recording_frames(path), options.sensor)
-    for tip, done in zip(tips, _all_estimated(run, tips), strict=True):
+    for tip, done in zip(tips, estimate_all(run, tips), strict=True):
         shown.append(done)
         samples += [{**row, "sensor": tip.serial} for row in rows(done.estimate)]
         report = _report(f"{path}, {tip.serial}", done, run)
@@ -184,7 +184,7 @@ def _session(options: EstimateOptions, run: "Estimation") -> None:
     lifts, faults = [], []
     tips, problems = session_frames(path)
     tips = of_sensor(tips, options.sensor)
-    for tip, done in zip(tips, _all_estimated(run, tips), strict=True):
+    for tip, done in zip(tips, estimate_all(run, tips), strict=True):
         file = out / f"{tip.lift}_{tip.serial}.csv"
         _write(file, table(rows(done.estimate)))
         figures = _report(f"lift {tip.lift}, {tip.serial}", done, run)
@@ -196,7 +196,7 @@ def _session(options: EstimateOptions, run: "Estimation") -> None:
     report_faults(faults)
 
 
-def _all_estimated(run: "Estimation", tips: "Sequence[SessionSeries]") -> "Iterator[EstimatedSeries]":
+def estimate_all(run: "Estimation", tips: "Sequence[SessionSeries]") -> "Iterator[EstimatedSeries]":
     """Yield the estimate of each fingertip in order, computed on all cores."""
     from drivers.realtime import compute_in_one_thread
     from rig.experiments.process_pool import run_in_order

@@ -17,12 +17,14 @@ from drivers.errors import EstimatorError, InputError
 from drivers.realtime import compute_in_one_thread
 from rig.cli.common import NO_BROWSER, STOPS, Exit, mark, say
 from rig.cli.helping import Commands
+from rig.cli.options import TopicOption
 from rig.declared import argument, option
-from rig.terminal.screen import shown
+from rig.terminal.screen import begin_phase, end_phase, shown
 
 if TYPE_CHECKING:
     from rig.live.desk import Desk, Reading
     from rig.live.feed import Listener
+    from rig.live.state import History
     from rig.live.watch import WatchPage
 
 bridge = Commands(
@@ -83,6 +85,15 @@ class LiveOptions(DeskOptions):
     )
     clips: Path = option(CLIPS, "Folder for recorded clips.")
     seconds: float | None = option(None, "End after this time in s. Default: run until Ctrl-C.", min=0.0)
+    page: bool = option(
+        False,
+        "Estimate a stored clip at once and show it as a whole (at most its last 10 minutes): a clip, video, "
+        "ROS bag, recording of a lift (.mcap) or session. The angles are those of rig estimate.",
+    )
+    lift: str | None = option(
+        None, "With --page, lift of a session, as in rig play. Default: the first lift."
+    )
+    topic: TopicOption = None
 
 
 def live(options: LiveOptions) -> None:
@@ -90,12 +101,17 @@ def live(options: LiveOptions) -> None:
 
     No bench is needed, and nothing moves. Ctrl-C ends the command.
 
-    The page shows the frame of each sensor with the outline of the contact; the angle with its sigma over the
-    last 30 seconds; state, rate, slip alarm, frame rate and latency. The angles of two sensors are fused. The
-    first frames become the background. The angle is relative to the frame in which the contact has settled.
+    The page shows the frame of each sensor with the outline of the contact; the angle with its sigma over
+    time; state, rate, slip alarm, frame rate and latency. The angles of two sensors are fused. The first
+    frames become the background. The angle is relative to the frame in which the contact has settled.
 
-    The page has buttons to take a new reference or background, to switch the estimator, and to record a clip
-    for rig label-angle, rig estimate and rig benchmark clips.
+    The page has buttons to take a new reference or background, to switch the estimator, to set a mark (key
+    m), and to record a clip for rig label-angle, rig estimate and rig benchmark clips, or to save the last 30
+    s.
+
+    The page keeps the last 10 minutes: each angle (at most 36,000 frames), 5 images per second and a list of
+    events. A slider shows any moment. This takes up to 70 MB of memory per sensor; the frames of the last 30
+    s take up to 256 MB, about 30 MB if the sensor sends JPEG.
 
     Examples:
       rig live fake
@@ -104,13 +120,17 @@ def live(options: LiveOptions) -> None:
       rig live http://127.0.0.1:8080/stream.mjpg --json
       rig live lift.avi --terminal --background empty.png
       rig live fake fake --terminal --seconds 10
+      rig live lift.avi --page
+      rig live sessions/2026-11-21T093000_trial --page --lift 3
     """
+    if options.page:
+        _show_stored(options)
+        return
+    if options.lift is not None or options.topic is not None:
+        raise InputError("--lift and --topic are for stored clips: add --page, or leave them out")
     page, summaries = None, []
     with stopped_by_person() as stopped, ExitStack() as stack:
-        import webbrowser
-
         from rig.live.watch import WatchPage, watch_address
-        from rig.pages.requests import way_to
 
         if options.watch_at is not None and (options.terminal or options.json):
             raise InputError("--watch-at is the address of the page: leave it out, or --terminal and --json")
@@ -121,9 +141,7 @@ def live(options: LiveOptions) -> None:
         desk = desk_of(options, stack, options.clips, () if page is None else (page.listener,))
         say(f"{name}{'' if page is None else f' at {page.address}'}; press Ctrl-C to end")
         if page is not None and options.browser:
-            secret = bool(page.process.access.key)
-            if not webbrowser.open(stack.enter_context(way_to(page.address)) if secret else page.address):
-                say(NO_BROWSER)
+            _open(page, stack)
         compute_in_one_thread()
         stack.enter_context(desk)
         show: Callable[[Reading], None] = lambda reading: None  # noqa: E731 - a page needs no lines
@@ -137,6 +155,76 @@ def live(options: LiveOptions) -> None:
         if not desk.ended:  # the summaries of sources that have ended were shown then
             summaries = [f"{sensor.name}: {sensor.summary}" for sensor in desk.sensors.values()]
     say("\n".join([*summaries, "ended"]))
+
+
+def _open(page: "WatchPage", stack: ExitStack) -> None:
+    """Open a page in the browser; the stack then removes the file that names its secret address."""
+    import webbrowser
+
+    from rig.pages.requests import way_to
+
+    secret = bool(page.process.access.key)
+    if not webbrowser.open(stack.enter_context(way_to(page.address)) if secret else page.address):
+        say(NO_BROWSER)
+
+
+def _show_stored(options: LiveOptions) -> None:
+    """Estimate a stored clip and show it until Ctrl-C."""
+    if options.terminal or options.json or len(options.sources) > 1 or options.sensor is not None:
+        raise InputError("--page shows one stored clip: leave --terminal, --json and --sensor out")
+    history, name, simulated = _stored(options)
+    with stopped_by_person() as stopped, ExitStack() as stack:
+        from rig.live.watch import WatchPage, watch_address
+
+        page = WatchPage(watch_address(options.watch_at), f"{mark(simulated)}{name}", history=history)
+        stack.callback(page.close)
+        say(f"{mark(simulated)}{name} at {page.address}; press Ctrl-C to end")
+        if options.browser:
+            _open(page, stack)
+        stopped.wait(options.seconds)
+    say("ended")
+
+
+def _stored(options: LiveOptions) -> "tuple[History, str, bool]":
+    """Return the history of a stored clip, its name, and whether it is of a simulated sensor."""
+    from rig.cli.estimate import estimate_all
+    from rig.frames.estimates import Estimation
+    from rig.frames.of_session import recording_frames
+    from rig.frames.series import read_frames
+    from rig.live.stored_clip import stored_history
+    from rig.report.session import find_lift
+    from rig.sessions.files import is_recording
+    from rig.sessions.manifest import TrialManifest, is_session, read_manifest_of
+    from rig.sessions.recording_file import recording_values
+    from rig.tactile.estimators import choose_estimator
+
+    path = Path(options.sources[0])
+    background = None if options.background is None else str(options.background)
+    choice = choose_estimator(options.estimator, gel=options.gel)
+    run = Estimation(choice, background, aspect=options.pixel_aspect)
+    if is_session(path):
+        manifest = read_manifest_of(path, TrialManifest, "only trials have lifts")
+        path /= find_lift(path, manifest, options.lift).recording
+    elif options.lift is not None:
+        raise InputError(f"{path} is not a session: leave --lift out")
+    if is_recording(path):
+        if options.gel is not None or options.fps is not None or options.topic is not None:
+            raise InputError(f"{path} contains times and sensors: leave --gel, --fps and --topic out")
+        tips = recording_frames(path)
+        shown, lift_ns = list(estimate_all(run, tips)), tips[0].lift_ns
+        simulated = recording_values(path).get("simulated") == "SIMULATED"
+    else:
+        begin_phase(f"estimating {path}")
+        series = read_frames(path, fps=options.fps, topic=options.topic)
+        shown, lift_ns, simulated = [run.of_series(series)], None, series.simulated
+    for one in shown:
+        for text in (*one.frames.notes, *(f"warning: {text}" for text in one.warnings), one.background):
+            say(text)
+        say(f"{one.name}: {run.choice.name}, {one.text}")
+    begin_phase("drawing the frames")
+    history = stored_history(shown, lift_ns, path)
+    end_phase()
+    return history, str(path), simulated
 
 
 def is_simulated(sources: Sequence[str]) -> bool:

@@ -1,4 +1,4 @@
-"""Write a clip of one sensor as its frames arrive: frames, their times, metadata, and the background.
+"""Write a clip of one sensor: frames, their times, metadata, the background, and marks of the user.
 
 Each frame on disk is complete and has its time, however the program ends: its row is written before it, and
 it gets its name when it is complete.
@@ -6,17 +6,51 @@ it gets its name when it is complete.
 
 import errno
 import os
+from collections import deque
 from collections.abc import Mapping
 from contextlib import suppress
+from dataclasses import replace
 from datetime import datetime
+from io import FileIO
+from itertools import count
 from pathlib import Path
 
-from drivers.clock import NS_PER_S
+import numpy as np
+
+from drivers.clock import NS_PER_S, to_ns
 from drivers.errors import RecordingError
 from drivers.images import encode_png
 from drivers.types import Frame, Image
 from rig.frames.clips import ABOUT, BACKGROUND, FRAMES, TIMES
 from rig.sessions.files import write_json
+
+MARKS = "marks.csv"
+"""Marks of the user in a clip: time since its first frame in s, and text."""
+SAVED_S, MOST_SAVED_BYTES = 30.0, 256_000_000
+"""Length of the newest frames that can be saved, and their most bytes per sensor: 30 s of a DIGIT's JPEG take
+about 30 MB, those of a GelSight Mini, which are not encoded (320 x 240 px, 25 Hz), 173 MB."""
+NO_IMAGE: Image = np.empty((0, 0, 3), np.uint8)
+
+
+class NewestFrames:
+    """The frames of the last `SAVED_S` in memory, as the sensor sent them: nothing is encoded per frame."""
+
+    def __init__(self) -> None:
+        self.frames: deque[Frame] = deque()
+        self._bytes = 0
+
+    def add(self, frame: Frame) -> None:
+        """Keep a frame; a decoded image is not kept beside its JPEG."""
+        kept = frame if frame.jpeg is None else replace(frame, image=NO_IMAGE)
+        self.frames.append(kept)
+        self._bytes += _size(kept)
+        oldest_ns = frame.time_ns - to_ns(SAVED_S)
+        while self.frames[0].time_ns < oldest_ns or self._bytes > MOST_SAVED_BYTES:
+            self._bytes -= _size(self.frames.popleft())
+
+
+def _size(frame: Frame) -> int:
+    return frame.image.nbytes + len(frame.jpeg or b"")
 
 
 class ClipWriter:
@@ -34,7 +68,7 @@ class ClipWriter:
             (folder / f"{BACKGROUND}.png").write_bytes(encode_png(background))
             write_json(folder / ABOUT, dict(about))
             self._times = (folder / TIMES).open("wb", buffering=0)
-            self._append("frame,t_s")
+            _append(self._times, "frame,t_s")
         except OSError as error:
             raise self._failed(error) from error
 
@@ -44,7 +78,7 @@ class ClipWriter:
         self._first_ns = frame.time_ns if self.count == 0 else self._first_ns
         begun = self.folder / FRAMES / f".{name}"
         try:
-            self._append(f"{name},{(frame.time_ns - self._first_ns) / NS_PER_S:.9f}")
+            _append(self._times, f"{name},{(frame.time_ns - self._first_ns) / NS_PER_S:.9f}")
             begun.write_bytes(frame.jpeg or encode_png(frame.image))
             begun.rename(begun.with_name(name))
         except OSError as error:
@@ -53,16 +87,21 @@ class ClipWriter:
             raise self._failed(error) from error
         self.count += 1
 
+    def mark(self, time_ns: int, text: str) -> None:
+        """Write a mark into `MARKS` unless its time is before the clip. Raises `RecordingError`."""
+        if self.count == 0 or time_ns < self._first_ns:
+            return
+        file = self.folder / MARKS
+        head = "" if file.exists() else "time_s,text\n"
+        try:
+            with file.open("ab", buffering=0) as table:
+                _append(table, f"{head}{(time_ns - self._first_ns) / NS_PER_S:.9f},{text}")
+        except OSError as error:
+            raise self._failed(error) from error
+
     def close(self) -> None:
         """Close the table of times, which is complete at any time."""
         self._times.close()
-
-    def _append(self, row: str) -> None:
-        """Write a row of the table with one system call; remove it if the disk has space for a part only."""
-        line, end = f"{row}\n".encode(), os.fstat(self._times.fileno()).st_size
-        if self._times.write(line) != len(line):
-            self._times.truncate(end)
-            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), self._times.name)
 
     def _failed(self, error: OSError) -> RecordingError:
         return RecordingError(
@@ -70,7 +109,17 @@ class ClipWriter:
         )
 
 
+def _append(table: FileIO, row: str) -> None:
+    """Write a row of a table with one system call; remove it if the disk has space for a part only."""
+    line, end = f"{row}\n".encode(), os.fstat(table.fileno()).st_size
+    if table.write(line) != len(line):
+        table.truncate(end)
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), table.name)
+
+
 def clip_folder(clips: Path, serial: str) -> Path:
-    """Return the folder of a new clip, named by date, time and sensor."""
+    """Return the folder of a new clip, named by date, time and sensor; it does not exist yet."""
     name = "".join(c if c.isalnum() or c in "-_." else "_" for c in serial)
-    return clips / f"{datetime.now():%Y-%m-%dT%H%M%S}_{name}"
+    folder = clips / f"{datetime.now():%Y-%m-%dT%H%M%S}_{name}"
+    names = (folder.with_name(f"{folder.name}_{number}") for number in count(2))
+    return folder if not folder.exists() else next(each for each in names if not each.exists())

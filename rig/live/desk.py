@@ -8,7 +8,7 @@ import queue
 import threading
 from collections import Counter, deque
 from collections.abc import Callable, Sequence
-from contextlib import suppress
+from contextlib import closing, suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -26,13 +26,14 @@ from drivers.errors import (
     counted,
 )
 from drivers.interfaces import FrameSource
+from drivers.realtime import ordinary
 from drivers.tally import FrameTally
 from drivers.types import Frame, Image
 from rig.frames.estimates import require_frames_suffice
 from rig.frames.streaming import StreamingEstimator
 from rig.lift.object_angle import FusedAngles
-from rig.live.clip_writer import ClipWriter, clip_folder
-from rig.live.feed import ESTIMATOR, OBJECT, RECORD, REFERENCE, TAKE_BACKGROUND, Sender
+from rig.live.clip_writer import SAVED_S, ClipWriter, NewestFrames, clip_folder
+from rig.live.feed import ESTIMATOR, MARK, OBJECT, RECORD, REFERENCE, SAVE, TAKE_BACKGROUND, Sender
 from rig.live.observer import PICTURE_LONG_SIDE_PX, small_jpeg
 from rig.live.sensor_background import SensorBackground
 from rig.tactile.contact.finder import ContactFinder
@@ -53,6 +54,7 @@ PREPARING = "preparing the estimator"
 """State after that, while the loops of the estimator are compiled."""
 RATE_FRAMES = 61
 """Number of frames for the computation of the frame rate: one second of a DIGIT."""
+KEPT_MARKS = 300
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -135,6 +137,7 @@ class DeskSensor:
         self.name = name
         self.stream: StreamingEstimator | None = None
         self.clip: ClipWriter | None = None
+        self.newest = NewestFrames()
         self.background = SensorBackground(background, serial)
         self.news = ""
         """News about the background, or that the sensor has frozen, in the newest frame, for the user."""
@@ -290,6 +293,10 @@ class Desk:
         self._threads = [threading.Thread(target=self._wait, args=(s,), daemon=True) for s in sources]
         self._open = len(sources)
         self._fusion, self._zeros = FusedAngles(), list[SlipSample | None]()
+        self._marks: deque[tuple[int, str]] = deque(maxlen=KEPT_MARKS)
+        self._marked = 0
+        self._saving: threading.Thread | None = None
+        self._saved = queue.SimpleQueue[str]()
 
     def __enter__(self) -> "Desk":
         if any(source.waits for source in self._sources):  # every frame of a clip is estimated
@@ -323,6 +330,9 @@ class Desk:
                     self._frames.get_nowait()
                 thread.join(0.01)
         self._end_clips()
+        if self._saving is not None:
+            self._saving.join()
+            self._show_saved()
 
     @property
     def ended(self) -> bool:
@@ -338,6 +348,7 @@ class Desk:
         The list is empty if no frame arrived in time or a source ended, see `ended`. Raises `DeviceError` if
         a sensor fails.
         """
+        self._show_saved()
         try:
             name, frame = self._frames.get(timeout=timeout_s)
         except queue.Empty:
@@ -347,6 +358,8 @@ class Desk:
             self._say(f"{frame}; {self.sensors[name].summary}")
             return []
         sensor = self.sensors[name]
+        if self._sender.pictures:  # only a page can ask for them
+            sensor.newest.add(frame)
         if sensor.clip is not None:
             self._record(sensor.clip, frame)
         reading = sensor.take(frame, self._clock)
@@ -389,16 +402,77 @@ class Desk:
             return f"estimator {name}"
         if what == RECORD:
             return self._end_clips() if self.recording else self._begin_clips()
+        if what == SAVE:
+            return self._save()
+        if what == MARK and name.replace(".", "", 1).isdecimal():
+            return self._mark(float(name))
         raise InputError(f"'{text}' is not known: reload the page")
 
     def _begin_clips(self) -> str:
-        for name, sensor in self.sensors.items():
-            background = sensor.background
-            if background.image is None or background.collecting:
-                raise InputError("record: wait until the background is taken")
-            about = {"sensor": name, "simulated": self._settings.simulated, "background": background.origin}
-            sensor.clip = ClipWriter(clip_folder(self._settings.clips, name), background.image, about)
+        started = [self._clip(sensor, RECORD) for sensor in self.sensors.values()]
+        for sensor, start in zip(self.sensors.values(), started, strict=True):
+            sensor.clip = start()
         return f"recording to {', '.join(str(s.clip.folder) for s in self.sensors.values() if s.clip)}"
+
+    def _clip(self, sensor: DeskSensor, what: str) -> Callable[[], ClipWriter]:
+        """Return a function that creates a clip of a sensor. Raises `InputError` without a background."""
+        background = sensor.background
+        if background.image is None or background.collecting:
+            raise InputError(f"{what}: wait until the background is taken")
+        about = {
+            "sensor": sensor.name,
+            "simulated": self._settings.simulated,
+            "background": background.origin,
+        }
+        image = background.image
+        return lambda: ClipWriter(clip_folder(self._settings.clips, sensor.name), image, about)
+
+    def _save(self) -> str:
+        """Write the newest frames of each sensor into a clip, in a thread that delays no estimate."""
+        if self._saving is not None and self._saving.is_alive():
+            raise InputError("save: wait until the clip before is saved")
+        clips = [(self._clip(s, SAVE), list(s.newest.frames)) for s in self.sensors.values()]
+        self._saving = threading.Thread(target=self._write, args=(clips, list(self._marks)))
+        self._saving.start()
+        return f"saving the last {SAVED_S:.0f} s"
+
+    def _write(
+        self, clips: list[tuple[Callable[[], ClipWriter], list[Frame]]], marks: list[tuple[int, str]]
+    ) -> None:
+        """Write clips and put their names, or an error, into the queue; runs in a separate thread."""
+        done = list[str]()
+        try:
+            with ordinary():
+                for start, frames in clips:
+                    clip = start()
+                    with closing(clip):
+                        for frame in frames:
+                            clip.add(frame)
+                        for mark in marks:
+                            clip.mark(*mark)
+                    span_s = (frames[-1].time_ns - frames[0].time_ns) / NS_PER_S if frames else 0.0
+                    done.append(f"saved {clip.folder}: {counted(clip.count, 'frame')}, {span_s:.1f} s")
+        except RecordingError as error:
+            done.append(str(error))
+        self._saved.put("; ".join(done))
+
+    def _show_saved(self) -> None:
+        with suppress(queue.Empty):
+            self._say(self._saved.get_nowait())
+
+    def _mark(self, time_s: float) -> str:
+        """Add a mark at a capture time in s to the list of events and to the clips."""
+        self._marked += 1
+        text = f"mark {self._marked}"
+        self._marks.append((to_ns(time_s), text))
+        self._sender.send("mark", {"t_s": time_s, "text": text})
+        for sensor in self.sensors.values():
+            if sensor.clip is not None:
+                try:
+                    sensor.clip.mark(to_ns(time_s), text)
+                except RecordingError as error:
+                    return f"{error}; {self._end_clips()}"
+        return text
 
     def _record(self, clip: ClipWriter, frame: Frame) -> None:
         try:
@@ -448,11 +522,7 @@ class Desk:
         if frame is None:
             self._sender.send("sensor", values)
             return
-        scale, jpeg = 1.0, frame.jpeg or b""
-        if not jpeg or max(frame.image.shape[:2]) > PICTURE_LONG_SIDE_PX:
-            jpeg, scale = small_jpeg(frame.image)
-        # OpenCV's coordinates are 0 at the centre of the first pixel, a browser's at its corner
-        outline = ((reading.outline + 0.5) * scale).round(1).tolist()
+        jpeg, outline = picture(frame.image, frame.jpeg, reading.outline)
         self._sender.send("sensor", {**values, "outline": outline}, jpeg)
 
     def _say(self, notice: str) -> None:
@@ -474,3 +544,17 @@ class Desk:
                     return
             else:
                 self._frames.put((source.serial, frame))
+
+
+def picture(
+    image: Image, jpeg: bytes | None, outline: NDArray[np.float32]
+) -> tuple[bytes, list[list[float]]]:
+    """Return the JPEG of a frame for the page, and the outline of its contact in px of that JPEG.
+
+    jpeg: of the frame as received, if there is one. outline: see `Reading`.
+    """
+    scale = 1.0
+    if not jpeg or max(image.shape[:2]) > PICTURE_LONG_SIDE_PX:
+        jpeg, scale = small_jpeg(image)
+    # OpenCV's coordinates are 0 at the centre of the first pixel, a browser's at its corner
+    return jpeg, ((outline + 0.5) * scale).round(1).tolist()

@@ -17,8 +17,10 @@ from typing import Any
 
 OBJECT = "object"
 """Name under which the angle of the object, from two sensors on a desk, is shown beside the sensors."""
-REFERENCE, TAKE_BACKGROUND, RECORD, ESTIMATOR = "reference", "background", "record", "estimator"
-"""Actions of the page of `rig live`, which its desk carries out; `estimator` is followed by a name."""
+REFERENCE, TAKE_BACKGROUND, RECORD, SAVE = "reference", "background", "record", "save"
+ESTIMATOR, MARK = "estimator", "mark"
+"""Actions of the page of `rig live`, which its desk carries out; `estimator` is followed by a name, `mark` by
+a capture time in s."""
 KEPT_MESSAGES = 512
 """Unread messages that a receiver keeps: some seconds of one lift."""
 LARGEST_BYTES = 200_000

@@ -2,15 +2,17 @@
 
 import json
 import struct
+import sys
+import threading
 import time
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from datetime import datetime
 from typing import Any
 
 from drivers.clock import NS_PER_S
-from rig.live.feed import Message
+from rig.live.feed import OBJECT, Message
 from rig.terminal.onlookers import Event
 
 RECORD_HEAD = struct.Struct(">II")
@@ -22,7 +24,17 @@ KEPT_FINISHED = 60
 KEPT_LIFTS = 16
 """Number of processes whose newest lift is shown."""
 POINTS_APART_S, KEPT_POINTS = 0.05, 600
-"""Smallest spacing and largest number of the points of an angle curve: half a minute in all."""
+"""Smallest spacing and largest number of the points of a lift's angle curve: half a minute in all."""
+HISTORY_S, KEPT_FRAMES = 600.0, 36_000
+"""Length of the history of a live sensor, and its most frames: those of a DIGIT, 60 per second."""
+PICTURES_PER_S, KEPT_PICTURE_BYTES = 5, 48_000_000
+"""Images per second in the history of a sensor, and their most bytes: 10 minutes of images of 16 kB."""
+KEPT_EVENTS, MERGED_S = 300, 1.0
+"""Most events in the list; events of one kind and sensor are counted together up to this time apart."""
+SENT_POINTS = 2000
+"""Most points per sensor in one record, so that a long history delays no new frame."""
+WITH_CONTACT = ("tracking", "rekeyed", "unobservable", "lost")
+"""States of an estimate with contact, see `rig.tactile.sample.State`."""
 SILENT_S = 3.0
 """Images of one process are shown; after this time without an image, those of another process."""
 
@@ -32,39 +44,132 @@ Points = deque[tuple[float, float | None]]
 
 @dataclass(slots=True)
 class SensorOnPage:
-    """A live sensor, or the object: its newest reading, its image and the curve of its angle.
+    """A live sensor, or the object: its newest reading and image, and its history of `HISTORY_S`.
 
-    points: time in s of the bench's clock, angle and sigma in degrees, time of the reference in s, number of
-    dropped frames so far. added: total number of points so far.
+    points: per frame, see `take`. added: total number of points so far. pictures: time in s and record of
+    each kept image, see `RECORD_HEAD`, with the outline of the contact; `forgotten` images came before them.
     """
 
     reading: dict[str, Any] = field(default_factory=dict)
     picture: bytes = b""
-    points: deque[tuple[float, float | None, float | None, float | None, int]] = field(
-        default_factory=lambda: deque(maxlen=KEPT_POINTS)
-    )
+    points: deque[tuple[Any, ...]] = field(default_factory=lambda: deque(maxlen=KEPT_FRAMES))
     added: int = 0
+    pictures: deque[tuple[float, bytes]] = field(default_factory=deque)
+    forgotten: int = 0
+    picture_bytes: int = 0
 
     def take(self, message: Message) -> None:
+        """Add a reading to the history.
+
+        A point has time in s, angle and sigma in degrees, time of the reference in s, number of dropped
+        frames so far, rate in degrees/s, state, slip alarm, and the number of the image if it is kept.
+        """
         values = self.reading = message.values
         self.picture = message.picture
-        time_s, angle_deg = values["t_s"], values["angle_deg"]
+        time_s, number = values["t_s"], None
+        if self.points and time_s < self.points[-1][0]:  # the clock was set back: a new history
+            self.points.clear()
+            self._forget(float("inf"))
+        if self.due(time_s) and message.picture:
+            number = self.forgotten + len(self.pictures)
+            head = json.dumps({"t_s": time_s, "outline": values["outline"]}).encode()
+            record = RECORD_HEAD.pack(len(head), len(message.picture)) + head + message.picture
+            self.pictures.append((time_s, record))
+            self.picture_bytes += len(record)
+        angle, sigma, rate = (_short(values[key]) for key in ("angle_deg", "sigma_deg", "rate_deg_s"))
         marks = values["zero_s"], values["dropped"]
-        last = self.points[-1] if self.points else None
-        if (
-            last is None
-            or time_s >= last[0] + POINTS_APART_S
-            or (angle_deg is None) != (last[1] is None)
-            or marks != last[3:]
-        ):
-            self.points.append((time_s, angle_deg, values["sigma_deg"], *marks))
-            self.added += 1
+        state = sys.intern(values["state"])
+        self.points.append((round(time_s, 6), angle, sigma, *marks, rate, state, values["slip"], number))
+        self.added += 1
+        while self.points[0][0] < time_s - HISTORY_S:
+            self.points.popleft()
+        self._forget(time_s - HISTORY_S)
 
-    def since(self, known: int) -> dict[str, Any]:
-        """Return the reading, and the points after the first `known`, as JSON values."""
-        new = min(self.added - known, len(self.points))
-        points = list(self.points)[len(self.points) - new :]
-        return {**self.reading, "points": points, "bytes": len(self.picture)}
+    def due(self, time_s: float) -> bool:
+        """Whether the image of a frame at this time is kept."""
+        last_s = self.pictures[-1][0] if self.pictures else -1.0
+        return int(time_s * PICTURES_PER_S) > int(last_s * PICTURES_PER_S)
+
+    def since(self, known: int) -> tuple[dict[str, Any], int]:
+        """Return the reading and the points after the first `known`, as JSON values, and the number known.
+
+        At most `SENT_POINTS` are returned.
+        """
+        first = max(len(self.points) - (self.added - known), 0)
+        points = [self.points[i] for i in range(first, min(first + SENT_POINTS, len(self.points)))]
+        known = self.added - len(self.points) + first + len(points)
+        return {**self.reading, "points": points, "bytes": len(self.picture)}, known
+
+    def past(self, number: int) -> bytes | None:
+        """Return the record of a kept image; None if there is none with this number."""
+        place = number - self.forgotten
+        return self.pictures[place][1] if 0 <= place < len(self.pictures) else None
+
+    def _forget(self, before_s: float) -> None:
+        """Remove the images from before a time, and the oldest ones beyond the limit of bytes."""
+        while self.pictures and (self.pictures[0][0] < before_s or self.picture_bytes > KEPT_PICTURE_BYTES):
+            self.picture_bytes -= len(self.pictures.popleft()[1])
+            self.forgotten += 1
+
+
+def _short(value: float | None) -> float | None:
+    return None if value is None else round(value, 3)
+
+
+@dataclass(slots=True)
+class History:
+    """The histories of all sensors and the events, as the page shows them.
+
+    events: oldest first, each with number, time in s, sensor, text, and how often it occurred. changes:
+    number of changes of the events. began_s: time of the first frame of a stored clip, s; None for a live
+    view.
+    """
+
+    sensors: dict[str, SensorOnPage] = field(default_factory=dict)
+    events: deque[dict[str, Any]] = field(default_factory=lambda: deque(maxlen=KEPT_EVENTS))
+    changes: int = 0
+    began_s: float | None = None
+
+    def take(self, message: Message) -> None:
+        """Add the reading of a sensor, with the events between it and the reading before."""
+        name = message.values["sensor"]
+        sensor = self.sensors.setdefault(name, SensorOnPage())
+        before = sensor.reading
+        sensor.take(message)
+        if name != OBJECT:
+            for text, time_s, count in _events(before, message.values):
+                self.add_event(text, time_s, name, count)
+
+    def add_event(self, text: str, time_s: float, sensor: str = "", count: int = 1) -> None:
+        """Add an event, or count it with one of the same text and sensor less than `MERGED_S` before."""
+        self.changes += 1
+        same = (e for e in reversed(self.events) if (e["text"], e["sensor"]) == (text, sensor))
+        last = next(same, None)
+        if last is None or not 0.0 <= time_s - last["last_s"] < MERGED_S:
+            values = {"t_s": time_s, "last_s": time_s, "sensor": sensor, "text": text, "count": count}
+            self.events.append({"number": self.changes, **values})
+        elif text == ZERO:  # the first angle of a contact, then the settled one, which counts
+            last["t_s"] = last["last_s"] = time_s
+        else:
+            last["last_s"], last["count"] = time_s, last["count"] + count
+
+
+ZERO = "zero"
+
+
+def _events(before: dict[str, Any], now: dict[str, Any]) -> Iterator[tuple[str, float, int]]:
+    """Yield text, time in s and count of the events between two readings of a sensor; the first may be {}."""
+    contact, had = now["state"] in WITH_CONTACT, before.get("state") in WITH_CONTACT
+    if contact != had:
+        yield "contact" if contact else "contact ended", now["t_s"], 1
+    if now["zero_s"] not in (None, before.get("zero_s")):
+        yield ZERO, now["zero_s"], 1
+    if now["slip"] and not before.get("slip"):
+        yield "slip", now["t_s"], 1
+    if (lost := now["dropped"] - before.get("dropped", 0)) > 0:
+        yield "frames dropped", now["t_s"], lost
+    if now["background"] not in ("", before.get("background")):
+        yield f"background {now['background']}", now["t_s"], 1
 
 
 @dataclass(slots=True)
@@ -175,14 +280,18 @@ class Progress:
 
 @dataclass(slots=True)
 class WatchState:
-    """The displayed state. take: returns the messages of lifts since the last call, oldest first."""
+    """The displayed state. take: returns the messages of lifts since the last call, oldest first.
+
+    lock: held while the state is read or changed, by the server's thread and by that of `rig.live.watch`.
+    """
 
     progress: Progress
     take: Callable[[], list[Message]]
+    history: History = field(default_factory=History)
     version: int = 0
     """Number of changes by messages of lifts and sensors."""
     notice: str = ""
-    sensors: dict[str, SensorOnPage] = field(default_factory=dict)
+    lock: threading.RLock = field(default_factory=threading.RLock)
     _lifts: dict[int, LiftInView] = field(default_factory=dict)
     _pictures: dict[str, tuple[int, bytes]] = field(default_factory=dict)
     _followed: int | None = None
@@ -190,44 +299,62 @@ class WatchState:
 
     def values(self) -> dict[str, Any]:
         """Return the state without images, as JSON values."""
-        self.read()
-        lifts = sorted(self._lifts.values(), key=lambda lift: lift.number)
-        return {
-            **asdict(self.progress),
-            "lifts": [lift.values() for lift in lifts],
-            "pictures": {serial: number for serial, (number, _) in self._pictures.items()},
-            "notice": self.notice,
-        }
+        with self.lock:
+            self.read()
+            lifts = sorted(self._lifts.values(), key=lambda lift: lift.number)
+            return {
+                **asdict(self.progress),
+                "lifts": [lift.values() for lift in lifts],
+                "pictures": {serial: number for serial, (number, _) in self._pictures.items()},
+                "notice": self.notice,
+                "events": list(self.history.events),
+                "began_s": self.history.began_s,
+            }
 
     def picture(self, serial: str) -> bytes | None:
         """Return the newest JPEG of a source; None if there is none."""
         self.read()
         return self._pictures.get(serial, (0, None))[1]
 
+    def past(self, name: str, number: str) -> bytes | None:
+        """Return the record of a kept image of a live sensor; None without one of this name and number."""
+        with self.lock:
+            sensor = self.history.sensors.get(name)
+            known = sensor is not None and number.isascii() and number.isdecimal() and len(number) < 10
+            return sensor.past(int(number)) if sensor is not None and known else None
+
     def read(self) -> None:
-        for message in self.take():
-            self.version += 1
-            if message.kind == "notice":
-                self.notice = str(message.values["text"])[:MOST_CHARACTERS]
-            elif message.kind == "sensor":
-                self.sensors.setdefault(message.values["sensor"], SensorOnPage()).take(message)
-            elif message.picture:
-                now_s, sender, serial = time.monotonic(), message.values["sender"], message.values["serial"]
-                if sender == self._followed or now_s >= self._followed_at_s + SILENT_S:
-                    self._followed, self._followed_at_s = sender, now_s
-                    number = self._pictures.get(serial, (0, b""))[0] + 1
-                    self._pictures[serial] = (number, message.picture)
-            elif "number" in message.values:
-                update_lifts(self._lifts, message)
-                if len(self._lifts) > KEPT_LIFTS:
-                    self._lifts.pop(next(iter(self._lifts)))
+        with self.lock:
+            for message in self.take():
+                self.version += 1
+                self._read(message)
+
+    def _read(self, message: Message) -> None:
+        values = message.values
+        if message.kind == "notice":
+            self.notice = str(values["text"])[:MOST_CHARACTERS]
+        elif message.kind == "sensor":
+            self.history.take(message)
+        elif message.kind == "mark":
+            self.history.add_event(values["text"], values["t_s"])
+        elif message.picture:
+            now_s, sender, serial = time.monotonic(), values["sender"], values["serial"]
+            if sender == self._followed or now_s >= self._followed_at_s + SILENT_S:
+                self._followed, self._followed_at_s = sender, now_s
+                number = self._pictures.get(serial, (0, b""))[0] + 1
+                self._pictures[serial] = (number, message.picture)
+        elif "number" in values:
+            update_lifts(self._lifts, message)
+            if len(self._lifts) > KEPT_LIFTS:
+                self._lifts.pop(next(iter(self._lifts)))
 
 
 class StateNews:
     """The changes that one browser has not received yet, as records: see `RECORD_HEAD`.
 
-    A record is the state as in `state.json`, and for each live sensor its newest reading, its new points, and
-    its image if the browser does not have it yet.
+    A record is the state as in `state.json`, its events only if they have changed, and for each live sensor
+    its newest reading, new points, and its image if the browser does not have it yet. A browser gets the
+    history in several records, oldest first.
     """
 
     def __init__(self, state: WatchState) -> None:
@@ -235,25 +362,31 @@ class StateNews:
         self._known: dict[str, int] = {}
         self._times: dict[str, float] = {}
         self._version: tuple[int, Progress] | None = None
+        self._changes = -1
         self._sent_s = 0.0
 
     def __call__(self) -> bytes:
         """Return the next record, b"" if nothing has changed."""
-        now_s = time.monotonic()
-        if not self._state.sensors and now_s < self._sent_s + WATCH_EVERY_S:
+        with self._state.lock:
+            return self._next()
+
+    def _next(self) -> bytes:
+        now_s, history = time.monotonic(), self._state.history
+        if not history.sensors and now_s < self._sent_s + WATCH_EVERY_S:
             self._state.read()
             return b""
         values = self._state.values()
         version = (self._state.version, self._state.progress)
-        if version == self._version:
+        complete = all(self._known.get(name) == sensor.added for name, sensor in history.sensors.items())
+        if version == self._version and complete:
             return b""
         self._version, self._sent_s = version, now_s
+        if self._changes == history.changes:
+            del values["events"]
+        self._changes = history.changes
         sensors, pictures = [], b""
-        for name, sensor in sorted(
-            self._state.sensors.items(), key=lambda item: (not item[1].picture, item[0])
-        ):
-            shown = sensor.since(self._known.get(name, 0))
-            self._known[name] = sensor.added
+        for name, sensor in sorted(history.sensors.items(), key=lambda item: (not item[1].picture, item[0])):
+            shown, self._known[name] = sensor.since(self._known.get(name, 0))
             if self._times.get(name) == sensor.reading["t_s"]:
                 shown["bytes"] = 0
             else:

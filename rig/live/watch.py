@@ -4,9 +4,11 @@ The page of `--watch` is read-only. The page of `rig live` also passes on the ac
 """
 
 import json
+import re
 import secrets
 import socket
 import tempfile
+import threading
 import time
 from collections.abc import Sequence
 from contextlib import suppress
@@ -17,8 +19,8 @@ from pathlib import Path
 from urllib.parse import unquote
 
 from drivers.errors import InputError, RigError
-from rig.live.feed import ESTIMATOR, RECORD, REFERENCE, TAKE_BACKGROUND, Inbox, Listener
-from rig.live.state import Progress, StateNews, WatchState
+from rig.live.feed import ESTIMATOR, MARK, RECORD, REFERENCE, SAVE, TAKE_BACKGROUND, Inbox, Listener
+from rig.live.state import History, Progress, StateNews, WatchState
 from rig.pages.page import render
 from rig.pages.requests import FORBIDDEN, LOOPBACK, NOT_ALLOWED, NOT_FOUND, Answer, Request
 from rig.pages.serving import PageProcess
@@ -28,6 +30,10 @@ TOKEN = "x-rig-token"  # noqa: S105 - its name
 """Header of requests that change something; its token is contained only in the page."""
 REPORT_WAIT_S = 1.5
 """Time that a connected browser gets to fetch the report before the server stops."""
+READ_EVERY_S = 0.1
+"""Interval at which messages are read without a browser, so that the history is complete."""
+_MARK_AT = re.compile(rf"{MARK} \d{{1,10}}\.\d{{3}}")
+"""The action that marks a moment, with its time in s."""
 LOOKING, REPORT_SHOWN = b"looking", b"report shown"
 """Messages of the server's process: a browser has opened the page; a browser has fetched the report."""
 
@@ -50,8 +56,9 @@ class WatchPage:
     """Serves the page at `address` until it is closed. Lifts and poses send their messages to `listener`.
 
     at: host and port. title, what, done, total: see `Progress`. estimators: names to choose from on a page
-    with buttons, see `asked`; without them the page is read-only. If other computers can reach the page,
-    `address` contains its key. Raises `InputError` for an address that cannot be served.
+    with buttons, see `asked`; without them the page is read-only. history: of a stored clip. If other
+    computers can reach the page, `address` contains its key. Raises `InputError` for an address that cannot
+    be served.
     """
 
     def __init__(
@@ -62,12 +69,13 @@ class WatchPage:
         done: int = 0,
         total: int = 0,
         estimators: Sequence[str] = (),
+        history: History | None = None,
     ) -> None:
         self._progress = Progress(title, what, done, total)
         self._folder = tempfile.TemporaryDirectory(prefix="rig-watch-")
         self.listener = Listener(f"{self._folder.name}/page", pictures=True)
         try:
-            made = partial(Watched, self._progress, self.listener.address, tuple(estimators))
+            made = partial(Watched, self._progress, self.listener.address, tuple(estimators), history)
             self.process = PageProcess(made, at)
         except (OSError, UnicodeError) as error:
             self._folder.cleanup()
@@ -110,19 +118,27 @@ class WatchPage:
 class Watched:
     """The request handler of the page, in the server's process.
 
-    progress: of the command so far. address: receives the messages of lifts, poses and sensors. estimators:
-    see `WatchPage`.
+    progress: of the command so far. address: receives the messages of lifts, poses and sensors. estimators,
+    history: see `WatchPage`.
     """
 
-    def __init__(self, progress: Progress, address: str, estimators: tuple[str, ...] = ()) -> None:
+    def __init__(
+        self,
+        progress: Progress,
+        address: str,
+        estimators: tuple[str, ...] = (),
+        history: History | None = None,
+    ) -> None:
         self._token = secrets.token_urlsafe(16)
-        names = (REFERENCE, TAKE_BACKGROUND, RECORD, *(f"{ESTIMATOR} {name}" for name in estimators))
+        names = (REFERENCE, TAKE_BACKGROUND, RECORD, SAVE, *(f"{ESTIMATOR} {name}" for name in estimators))
         self._actions = frozenset(names if estimators else ())
-        self._html = render(
-            "rig.live", "watch.html", title=progress.title, estimators=estimators, token=self._token
-        ).encode()
+        shown = {"title": progress.title, "estimators": estimators, "token": self._token}
+        self._html = render("rig.live", "watch.html", **shown, stored=history is not None).encode()
         self._inbox = Inbox(address)
-        self._state = WatchState(progress, self._inbox.take)
+        self._state = WatchState(progress, self._inbox.take, history or History())
+        self._over = threading.Event()
+        self._reader = threading.Thread(target=self._read, daemon=True, name="history")
+        self._reader.start()
 
     def take(self, message: bytes) -> None:
         self._state.progress = Progress(**json.loads(message))
@@ -130,7 +146,8 @@ class Watched:
     def answer(self, request: Request) -> Answer:
         if request.method == "POST" and request.path == "/do" and self._actions:
             known = secrets.compare_digest(request.header(TOKEN).encode(), self._token.encode())
-            if not known or request.body.decode(errors="replace") not in self._actions:
+            action = request.body.decode(errors="replace")
+            if not known or not (action in self._actions or _MARK_AT.fullmatch(action)):
                 return FORBIDDEN
             return Answer(b"{}", "application/json", report=request.body)
         if request.method != "GET":
@@ -149,9 +166,20 @@ class Watched:
             except OSError:
                 return NOT_FOUND
             return Answer(html, "text/html; charset=utf-8", report=REPORT_SHOWN)
+        if request.path.startswith("/past/"):
+            name, _, number = request.path.removeprefix("/past/").rpartition("/")
+            record = self._state.past(unquote(name), number)
+            return NOT_FOUND if record is None else Answer(record, "application/octet-stream")
         name = unquote(request.path.removeprefix("/picture/").removesuffix(".jpg"))
         picture = self._state.picture(name)
         return NOT_FOUND if picture is None or request.path == name else Answer(picture, "image/jpeg")
 
     def close(self) -> None:
+        self._over.set()
+        self._reader.join()
         self._inbox.close()
+
+    def _read(self) -> None:
+        """Read messages until the page is closed, also if no browser shows it; runs in a separate thread."""
+        while not self._over.wait(READ_EVERY_S):
+            self._state.read()

@@ -111,9 +111,7 @@ def test_page_shows_the_angle_and_its_buttons_act(tmp_path: Path) -> None:
             angle_s = time.monotonic() - started_s
             print(f"\nfrom the command to the page {opened_s:.1f} s, to a live angle {angle_s:.1f} s")
             assert browser.value("document.querySelector('#sensors canvas').height") == 320
-            until(
-                lambda: browser.value("document.querySelector('#sensors .curve path.band') !== null"), LIMIT_S
-            )
+            until(lambda: browser.value("document.querySelector('#chart path.band') !== null"), LIMIT_S)
             browser.value("document.querySelector('[data-do=record]').click()")
             until(lambda: shown("recording to clips") and shown("Stop recording"), LIMIT_S)
             browser.value("document.querySelector('[data-do=record]').click()")
@@ -128,7 +126,7 @@ def test_page_shows_the_angle_and_its_buttons_act(tmp_path: Path) -> None:
             for width, scheme in product((1400, 390), ("light", "dark")):
                 browser.open(address, width, scheme)
                 until(
-                    lambda: browser.value("document.querySelector('#sensors .curve path.estimate') !== null"),
+                    lambda: browser.value("document.querySelector('#chart path.estimate') !== null"),
                     LIMIT_S,
                 )
                 seen = json.loads(browser.value(SEEN))
@@ -145,10 +143,10 @@ def test_page_shows_the_angle_and_its_buttons_act(tmp_path: Path) -> None:
 
 EVERY_S = 0.1
 CHART = """JSON.stringify({
-  bands: [...document.querySelectorAll('#sensors .curve .band')].map(e => e.getBoundingClientRect()),
-  runs: document.querySelector('#sensors .curve .estimate').getAttribute('d').match(/M/g).length,
-  references: [...document.querySelectorAll('#sensors .reference')].map(e => e.getBoundingClientRect().x),
-  lost: (document.querySelector('#sensors .curve .dropped')?.getAttribute('d').match(/M/g) || []).length,
+  bands: [...document.querySelectorAll('#chart .band')].map(e => e.getBoundingClientRect()),
+  runs: document.querySelector('#chart .estimate').getAttribute('d').match(/M/g).length,
+  references: [...document.querySelectorAll('#chart .reference')].map(e => e.getBoundingClientRect().x),
+  lost: (document.querySelector('#chart .dropped')?.getAttribute('d').match(/M/g) || []).length,
   text: document.body.innerText})"""
 DOUBT = "this background looks like a contact: lift the object, press Take background"
 
@@ -191,10 +189,10 @@ class Shown:
 
     def chart(self) -> dict:
         until(
-            lambda: self.browser.value("document.querySelector('#sensors .curve .estimate') !== null"),
+            lambda: self.browser.value("document.querySelector('#chart .estimate') !== null"),
             LIMIT_S,
         )
-        until(lambda: self.browser.value("live.cards.D1.points.at(-1)[0]") >= self.time_s - 1e-6, LIMIT_S)
+        until(lambda: self.browser.value("live.drawnTo") >= self.time_s - 1e-6, LIMIT_S)
         return json.loads(self.browser.value(CHART))
 
     def close(self) -> None:

@@ -294,7 +294,8 @@ def test_stream_sends_each_reading_and_picture_once() -> None:
 
     def reading(time_s: float, picture: bytes) -> Message:
         values = {"sender": 1, "sensor": "D1", "t_s": time_s, "angle_deg": 1.5, "sigma_deg": 0.1,
-                  "zero_s": None, "dropped": 0}  # fmt: skip
+                  "zero_s": None, "dropped": 0, "rate_deg_s": None, "state": "tracking", "slip": False,
+                  "background": "", "outline": []}  # fmt: skip
         return Message("sensor", values, picture)
 
     def record(news: StateNews) -> tuple[dict[str, Any], bytes]:

@@ -1,13 +1,12 @@
 """The history of a stored clip for the page of `rig live --page`, with the angles of `rig estimate`."""
 
-import csv
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
 from drivers.clock import NS_PER_S, to_ns
-from drivers.errors import InputError
+from drivers.formats import number_in, read_csv_rows
 from rig.frames.estimates import EstimatedSeries
 from rig.lift.object_angle import object_angle
 from rig.live.clip_writer import MARKS
@@ -65,11 +64,8 @@ def _message(reading: Reading, outline: Sequence[object] = (), jpeg: bytes = b""
 
 
 def _marks(file: Path) -> list[tuple[float, str]]:
-    """Return time in s and text of the marks in a clip. Raises `InputError` for a damaged file."""
+    """Return time in s and text of the marks in a clip, if it has any. Raises `InputError`."""
     if not file.is_file():
         return []
-    try:
-        rows = list(csv.DictReader(file.read_text(encoding="utf-8").splitlines()))
-        return [(float(row["time_s"]), row["text"]) for row in rows]
-    except (OSError, ValueError, KeyError, TypeError, csv.Error) as error:
-        raise InputError(f"{file}: not a table with columns time_s,text: correct or delete it") from error
+    rows = read_csv_rows(file, ("time_s", "text"))
+    return [(number_in(row, "time_s", f"{file}: line {line}"), row["text"]) for line, row in rows]

@@ -16,11 +16,15 @@ from itertools import product
 from pathlib import Path
 from statistics import median
 
+import numpy as np
 import pytest
 
+from drivers.images import encode_jpeg
+from rig.live.clip_writer import ClipWriter
 from rig.live.feed import Sender
 from rig.live.watch import WatchPage, watch_address
 from support.browser import FLAWS, NEEDS_CHROMIUM, SEEN, Browser
+from support.desk_frames import desk_frames
 from support.desk_streams import desk_streams
 from support.waiting import LIMIT_S, until
 
@@ -165,7 +169,9 @@ class Shown:
         self._sender = Sender([self.page.listener])
         self.browser, self.time_s = browser, 100.0
 
-    def send(self, count: int, state: str, angle_deg: float | None, **more: object) -> None:
+    def send(
+        self, count: int, state: str, angle_deg: float | None, picture: bytes = b"", **more: object
+    ) -> None:
         for _ in range(count):
             self.time_s += EVERY_S
             reading = {
@@ -174,14 +180,17 @@ class Shown:
                 "fps": 10.0, "latency_ms": 1.0, "dropped": 0, "zero_s": None, "background": "taken",
                 "doubt": "", "recording": False, "outline": [], "slips_s": [], **more,
             }  # fmt: skip
-            until(lambda reading=reading: self._sent("sensor", reading), LIMIT_S)
+            until(lambda reading=reading: self._sent("sensor", reading, picture), LIMIT_S)
 
     def notice(self, text: str) -> None:
         until(lambda: self._sent("notice", {"sender": 1, "text": text}), LIMIT_S)
 
-    def _sent(self, kind: str, values: dict[str, object]) -> bool:
+    def mark(self, time_s: float, text: str) -> None:
+        until(lambda: self._sent("mark", {"t_s": time_s, "text": text}), LIMIT_S)
+
+    def _sent(self, kind: str, values: dict[str, object], picture: bytes = b"") -> bool:
         lost = self._sender.lost
-        self._sender.send(kind, values)
+        self._sender.send(kind, values, picture)
         return self._sender.lost == lost
 
     def status(self) -> str:
@@ -282,3 +291,98 @@ def test_chart_is_legible_at_both_widths(shown: Shown) -> None:
         assert {name: seen[name] for name in FLAWS if seen[name]} == {}
         assert seen["wide"] <= width
         assert shown.browser.said() == []
+
+
+def pressed_keys(shown: Shown, *keys: str) -> float | None:
+    """Press keys on the slider; return the moment that the page shows then, None for the newest frame."""
+    shown.browser.value("document.getElementById('slider').focus()")
+    for key in keys:
+        shown.browser.key(key.removeprefix("Shift+"), shift=key.startswith("Shift+"))
+    return shown.browser.value("live.at")
+
+
+@NEEDS_CHROMIUM
+@pytest.mark.parametrize(("width", "scheme"), [(1400, "light"), (390, "dark")])
+def test_history_is_scrubbed_events_lead_to_their_moment_and_live_goes_on(
+    shown: Shown, width: int, scheme: str
+) -> None:
+    black, white = (encode_jpeg(np.full((40, 30, 3), value, np.uint8), 90) for value in (0, 255))
+    shown.send(100, "no_contact", None, picture=black)
+    contact_s = shown.time_s + EVERY_S
+    shown.send(1, "tracking", 5.0, picture=white, zero_s=contact_s, rate_deg_s=2.0)
+    shown.send(200, "tracking", 7.0, picture=white, zero_s=contact_s)
+    browser = shown.browser
+    browser.call("Emulation.setFocusEmulationEnabled", enabled=True)
+    browser.open(shown.page.address, width, scheme)
+    shown.chart()
+
+    def seen(what: str) -> bool:
+        return what in browser.value("document.body.innerText")
+
+    def light(value: int) -> None:
+        pixel = "document.querySelector('canvas').getContext('2d').getImageData(9, 9, 1, 1).data[0]"
+        until(lambda: browser.value(pixel) == value, LIMIT_S)
+
+    assert seen("Live: the newest frame")
+    assert not browser.value("document.body.classList.contains('past')")
+    browser.value(
+        "[...document.querySelectorAll('#events button')].find(b => b.innerText.endsWith('contact')).click()"
+    )
+    assert seen("The page shows 20.0 s ago; press Live to go on")
+    assert browser.value("document.body.classList.contains('past')")
+    assert seen("+5.0\u00b0")
+    assert seen("2.0\u00b0/s")
+    light(255)
+    shown.send(10, "tracking", 9.0, picture=white, zero_s=contact_s)
+    until(lambda: seen("The page shows 21.0 s ago"), LIMIT_S)
+    assert seen("+5.0\u00b0"), "new frames do not replace the past one"
+    assert pressed_keys(shown, "Shift+ArrowLeft") == pytest.approx(contact_s - EVERY_S, abs=1e-5)
+    assert seen("no contact")
+    light(0)
+    assert pressed_keys(shown, "ArrowRight", "ArrowRight") == pytest.approx(contact_s + 0.3, abs=1e-5)
+    browser.key("m", "m")
+    until(lambda: shown.page.asked() == f"mark {contact_s + 0.3:.3f}", LIMIT_S)
+    shown.mark(contact_s + 0.3, "mark 1")
+    until(lambda: browser.value("document.querySelector('#chart .mark') !== null"), LIMIT_S)
+    assert seen("mark 1")
+    assert pressed_keys(shown, "Home") == pytest.approx(100.0 + EVERY_S, abs=1e-5)
+    assert pressed_keys(shown, "PageUp") == pytest.approx(110.0 + EVERY_S, abs=1e-5)
+    measured = json.loads(browser.value(SEEN))
+    assert {name: measured[name] for name in FLAWS if measured[name]} == {}
+    assert measured["wide"] <= width
+    browser.value("document.getElementById('live').click()")
+    assert seen("Live: the newest frame")
+    assert seen("+9.0\u00b0")
+    light(255)
+    assert pressed_keys(shown, "ArrowLeft", "End") is None
+    browser.value("document.querySelector('.word').focus()")
+    assert browser.value("document.getElementById('meaning').innerText").startswith(
+        "Standard deviation of the angle"
+    )
+    browser.key("Escape")
+    assert browser.value("document.getElementById('meaning').hidden")
+    assert [line for line in browser.said() if "getImageData" not in line] == [], "but for our reading pixels"
+
+
+@NEEDS_CHROMIUM
+def test_stored_clip_is_shown_as_a_whole(tmp_path: Path, browser: Browser) -> None:
+    clip = tmp_path / "clip"
+    frames = list(desk_frames(6.8))
+    writer = ClipWriter(clip, frames[0].image, {"sensor": "D1", "simulated": True})
+    for frame in frames:
+        writer.add(frame)
+    writer.close()
+    with live(tmp_path, str(clip), "--page", "--estimator", "ellipse") as (address, _):
+        for width, scheme in ((390, "dark"), (1400, "light")):
+            browser.open(address, width, scheme)
+            until(lambda: browser.value("document.querySelector('#chart .estimate') !== null"), LIMIT_S)
+            measured = json.loads(browser.value(SEEN))
+            assert {name: measured[name] for name in FLAWS if measured[name]} == {}
+            assert measured["wide"] <= width
+        assert "0.00 s of 4.77 s" in browser.value("document.body.innerText")
+        assert "SIMULATED clip" in browser.value("document.title").replace(str(tmp_path) + "/", "")
+        browser.value("[...document.querySelectorAll('#events button')].at(-1).click()")
+        assert browser.value("live.at") > 0.9
+        until(lambda: browser.value("document.querySelector('canvas').height") == 320, LIMIT_S)
+        assert "tracking" in browser.value("document.querySelector('.tiles').innerText")
+        assert browser.said() == []

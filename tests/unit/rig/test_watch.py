@@ -23,9 +23,9 @@ import pytest
 
 from drivers.errors import InputError, OperatorStopError
 from drivers.images import encode_jpeg
-from rig.live.feed import Inbox, Listener, Message, Sender
+from rig.live.feed import KEPT_MESSAGES, Inbox, Listener, Message, Sender
 from rig.live.state import KEPT_FAULTS, KEPT_POINTS, RECORD_HEAD, Progress, StateNews, WatchState
-from rig.live.watch import WatchPage, watch_address
+from rig.live.watch import READ_EVERY_S, WatchPage, watch_address
 from rig.pages.serving import BURST, MOST_PER_S
 from rig.terminal.onlookers import Event, announce, announcing, asked, observed_by
 from support import waiting
@@ -178,7 +178,8 @@ def test_page_is_read_only_and_serves_only_its_own_paths_to_its_own_host(still_p
         (200, "/", "GET", {}),
         *((405, "/state.json", method, {}) for method in ("POST", "PUT", "DELETE", "PATCH", "HEAD")),
         *((404, path, "GET", {}) for path in ("/nope", "/picture/D9.jpg", "/picture/../watch.html")),
-        *((404, path, "GET", {}) for path in ("/index.html", "/state.json/")),
+        *((404, path, "GET", {}) for path in ("/index.html", "/state.json/", "/past/", "/past/D9/0")),
+        *((404, path, "GET", {}) for path in ("/past/D9/..%2F0", "/past/0", "/past//0", "/past/%00/%B2")),
         (403, "/state.json", "GET", {"Host": "evil.example:80"}),
         (200, "/state.json", "GET", {"Host": "localhost:9000"}),
         (403, "/state.json", "GET", {"Origin": "http://evil.example"}),
@@ -205,6 +206,8 @@ def pressed(
 NOT_OFFERED = (
     b"estimator lab:X", b"estimator builtins:dict", b"estimator", b"estimator  slip", b"estimator SLIP",
     b"estimator toskov", b"estimator\n", b"looking", b"report shown", b"record\xff", b"estimator\x00slip",
+    b"mark", b"mark 1", b"mark 1.5", b"mark -1.000", b"mark 1.000\n", b"mark 12345678901.000", b"mark nan",
+    "mark \u0661.000".encode(), b"mark  1.000", b"Mark 1.000", b"saved",
 )  # fmt: skip
 
 
@@ -235,6 +238,9 @@ def test_button_needs_the_token_of_the_page_and_its_own_name(
     assert acting_page.asked() is None
     assert pressed(acting_page, token, Host=at, Origin=f"http://{at}", Cookie=cookie) == 200
     until(lambda: acting_page.asked() == "estimator slip")
+    for action in ("save", "mark 12.345"):
+        assert pressed(acting_page, token, action.encode(), Cookie=cookie) == 200
+        until(lambda action=action: acting_page.asked() == action)
     assert pressed(still_page, token) == 405
 
 
@@ -244,7 +250,16 @@ def test_page_for_other_computers_needs_the_key_that_is_printed(estimators: list
     try:
         key = urlsplit(made.address).query.removeprefix("key=")
         assert len(key) >= 16
-        paths = ["/", "/state.json", "/clock", "/stream", "/report.html", "/picture/D1.jpg", "/do"]
+        paths = [
+            "/",
+            "/state.json",
+            "/clock",
+            "/stream",
+            "/report.html",
+            "/picture/D1.jpg",
+            "/past/D1/0",
+            "/do",
+        ]
         guesses = ["", "?key=", f"?key={key[:-1]}", f"?Key={key}", f"?key={key}&key=x", f"?{key}"]
         for path in [path + guess for path in paths for guess in guesses]:
             status, body = get(made, path)
@@ -288,15 +303,17 @@ def state_of(came: list[Message]) -> WatchState:
     return WatchState(Progress("a", "lifts", 0, 1), lambda: [came.pop(0) for _ in range(len(came))])
 
 
+def reading(time_s: float, picture: bytes) -> Message:
+    values = {
+        "sender": 1, "sensor": "D1", "t_s": time_s, "angle_deg": 1.5, "sigma_deg": 0.1, "zero_s": None,
+        "dropped": 0, "rate_deg_s": None, "state": "tracking", "slip": False, "background": "", "outline": [],
+    }  # fmt: skip
+    return Message("sensor", values, picture)
+
+
 def test_stream_sends_each_reading_and_picture_once() -> None:
     came: list[Message] = []
     state = state_of(came)
-
-    def reading(time_s: float, picture: bytes) -> Message:
-        values = {"sender": 1, "sensor": "D1", "t_s": time_s, "angle_deg": 1.5, "sigma_deg": 0.1,
-                  "zero_s": None, "dropped": 0, "rate_deg_s": None, "state": "tracking", "slip": False,
-                  "background": "", "outline": []}  # fmt: skip
-        return Message("sensor", values, picture)
 
     def record(news: StateNews) -> tuple[dict[str, Any], bytes]:
         data = news()
@@ -322,6 +339,36 @@ def test_stream_sends_each_reading_and_picture_once() -> None:
     assert later[1] == JPEG
     other = record(StateNews(state))
     assert len(other[0]["sensors"][0]["points"]) == 6, "a page opened later has the curve so far"
+
+
+def test_history_is_kept_without_a_browser_and_its_images_are_served(page: WatchPage) -> None:
+    sender, count = Sender([page.listener]), KEPT_MESSAGES + 200
+
+    def sent(values: dict[str, Any]) -> bool:
+        lost = sender.lost
+        sender.send("sensor", values)
+        return sender.lost == lost
+
+    sender.send("sensor", {**reading(0.0, JPEG).values, "sensor": "left/1"}, JPEG)
+    for number in range(count):
+        if number % 100 == 0:
+            time.sleep(2 * READ_EVERY_S)  # a sensor sends no faster than its frames
+        until(lambda values=reading(number / 60, b"").values: sent(values))
+    sender.close()
+    with streamed(page) as client:
+        received = b""
+        while f'"t_s": {(count - 1) / 60}'.encode() not in received:
+            received += client.recv(65_536)
+    record = received[received.index(b"\r\n\r\n") + 4 :]
+    (size, _) = RECORD_HEAD.unpack(record[:8])
+    points = {one["sensor"]: one["points"] for one in json.loads(record[8 : 8 + size])["sensors"]}
+    assert len(points["D1"]) == count
+    status, past = get(page, "/past/left%2F1/0")
+    assert (status, past[-len(JPEG) :]) == (200, JPEG)
+    assert json.loads(past[8 : -len(JPEG)]) == {"t_s": 0.0, "outline": []}
+    assert [get(page, f"/past/{path}")[0] for path in ("left%2F1/1", "left/1/0", "D1/0", "D1/x")] == [
+        404, 200, 404, 404,
+    ]  # fmt: skip
 
 
 def test_report_is_served_and_browsers_get_it_before_the_page_ends(tmp_path: Path) -> None:
@@ -414,7 +461,7 @@ def test_stopped_page_is_ended_with_the_command_and_an_ended_one_changes_nothing
 def test_page_ends_with_a_killed_command(tmp_path: Path) -> None:
     code = """if True:
         import multiprocessing, time
-        from rig.live.watch import WatchPage, watch_address
+        from rig.live.watch import READ_EVERY_S, WatchPage, watch_address
         if __name__ == "__main__":
             page = WatchPage(watch_address(None), "a", "lifts", 0, 1)
             print(multiprocessing.active_children()[0].pid, page.address, flush=True)

@@ -2,7 +2,8 @@
 
 import os
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
@@ -15,6 +16,7 @@ from drivers.errors import DeviceError, InputError
 from drivers.types import Frame, Image
 from rig.frames.estimates import Estimation
 from rig.frames.series import read_frames
+from rig.live import clip_writer
 from rig.live.desk import Desk, DeskSensor, DeskSettings, Reading
 from rig.live.feed import OBJECT, Inbox, Listener, Sender
 from rig.live.sensor_background import BACKGROUND_FRAMES, store_background, stored_background
@@ -212,6 +214,92 @@ def test_frame_with_picture_and_outline_reaches_viewers(tmp_path: Path) -> None:
     assert messages[-1].picture.startswith(b"\xff\xd8")
     assert messages[-1].values["state"] == "tracking"
     assert len(messages[-1].values["outline"]) > 10
+
+
+@contextmanager
+def with_page(tmp_path: Path, frames: Iterable[Frame], clips: Path) -> Iterator[tuple[Desk, Inbox]]:
+    """Yield a desk and the inbox of the page that shows it."""
+    inbox = Inbox(str(tmp_path / "viewer"))
+    sender = Sender([Listener(inbox.address, pictures=True)])
+    with Desk([GivenFrames(list(frames))], DeskSettings(ELLIPSE, clips=clips), sender) as desk:
+        yield desk, inbox
+    inbox.close()
+    sender.close()
+
+
+def acted(desk: Desk, action: str) -> str:
+    """Carry out an action, wait for a clip that is being saved, and return the notice."""
+    desk.act(action)
+    if desk._saving is not None:
+        desk._saving.join()
+        desk._show_saved()
+    return desk.notice
+
+
+@pytest.mark.parametrize("with_jpeg", [True, False])
+def test_saved_clip_has_the_newest_frames_unchanged_also_during_a_recording(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, with_jpeg: bool
+) -> None:
+    monkeypatch.setattr(clip_writer, "SAVED_S", 1.5)
+    frames = [frame if with_jpeg else replace(frame, jpeg=None) for frame in desk_frames(5.0)]
+    with with_page(tmp_path, frames, tmp_path / "clips") as (desk, _):
+        assert acted(desk, "save") == "save: wait until the background is taken"
+        while len(seen := [*desk.step()]) and seen[0].state == "taking the background":
+            pass
+        desk.act("record")
+        while not desk.ended:
+            desk.step()
+        desk.act(f"mark {desk.sensors['GIVEN'].newest.frames[30].time_ns / 1e9:.9f}")
+        assert desk.recording
+        notice = acted(desk, "save")
+        assert acted(desk, "save") != notice, "another clip"
+        assert desk.recording, "the recording goes on"
+    recorded, saved, again = sorted((tmp_path / "clips").iterdir(), key=lambda one: one.stat().st_ctime_ns)
+    assert notice == f"saved {saved}: 46 frames, 1.5 s"
+    assert len(list((recorded / "frames").iterdir())) == len(frames) - BACKGROUND_FRAMES - 1
+    for clip in (saved, again):
+        kept = list(read_frames(clip).read())
+        assert np.array_equal([one.image for one in kept], [frame.image for frame in frames[-46:]])
+        assert [one.time.time_ns for one in kept] == [f.time_ns - frames[-46].time_ns for f in frames[-46:]]
+        if with_jpeg:
+            files = sorted((clip / "frames").iterdir())
+            assert [file.read_bytes() for file in files] == [frame.jpeg for frame in frames[-46:]]
+    assert (saved / "marks.csv").read_text() == "time_s,text\n1.000000000,mark 1\n"
+    assert len((recorded / "marks.csv").read_text().splitlines()) == 2
+
+
+def test_frames_that_are_kept_for_saving_are_bounded_in_bytes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    frames = [replace(frame, jpeg=None) for frame in desk_frames(4.0)]
+    monkeypatch.setattr(clip_writer, "MOST_SAVED_BYTES", 10 * frames[0].image.nbytes)
+    with with_page(tmp_path, frames, tmp_path) as (desk, _):
+        while not desk.ended:
+            desk.step()
+        assert len(desk.sensors["GIVEN"].newest.frames) == 10
+        assert "10 frames, 0.3 s" in acted(desk, "save")
+
+
+def test_clip_that_cannot_be_saved_is_named_and_the_view_goes_on(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    with with_page(tmp_path, desk_frames(4.0), tmp_path / "file" / "clips") as (desk, _):
+        while not any(reading.sample is not None for reading in desk.step()):
+            pass
+        assert "the clip cannot be written (Not a directory)" in acted(desk, "save")
+        assert desk.step()
+
+
+def test_marks_are_numbered_and_reach_the_page(tmp_path: Path) -> None:
+    with with_page(tmp_path, desk_frames(2.1), tmp_path) as (desk, inbox):
+        for action, notice in (
+            ("mark 12.500", "mark 1"),
+            ("mark", "'mark' is not known: reload the page"),
+            ("mark x", "'mark x' is not known: reload the page"),
+            ("mark 13.000", "mark 2"),
+        ):
+            assert acted(desk, action) == notice
+    found = [message.values for message in inbox.take() if message.kind == "mark"]
+    assert found == [{"t_s": 12.5, "text": "mark 1"}, {"t_s": 13.0, "text": "mark 2"}]
 
 
 def test_source_that_cannot_be_opened_leaves_none_open() -> None:

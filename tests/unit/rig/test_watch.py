@@ -344,16 +344,16 @@ def test_stream_sends_each_reading_and_picture_once() -> None:
 def test_history_is_kept_without_a_browser_and_its_images_are_served(page: WatchPage) -> None:
     sender, count = Sender([page.listener]), KEPT_MESSAGES + 200
 
-    def sent(values: dict[str, Any]) -> bool:
+    def sent(values: dict[str, Any], picture: bytes = b"") -> bool:
         lost = sender.lost
-        sender.send("sensor", values)
+        sender.send("sensor", values, picture)
         return sender.lost == lost
 
-    sender.send("sensor", {**reading(0.0, JPEG).values, "sensor": "left/1"}, JPEG)
+    until(lambda: sent({**reading(0.0, JPEG).values, "sensor": "left/1"}, JPEG))
     for number in range(count):
         if number % 100 == 0:
             time.sleep(2 * READ_EVERY_S)  # a sensor sends no faster than its frames
-        until(lambda values=reading(number / 60, b"").values: sent(values))
+        until(lambda time_s=number / 60: sent(reading(time_s, b"").values))
     sender.close()
     with streamed(page) as client:
         received = b""

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 from drivers.clock import SystemClock, to_ns
 from drivers.errors import EstimatorError, InputError
 from drivers.realtime import compute_in_one_thread
-from rig.cli.common import NO_BROWSER, STOPS, Exit, mark, say
+from rig.cli.common import NO_BROWSER, STOPS, Exit, mark, report_faults, say
 from rig.cli.helping import Commands
 from rig.cli.options import TopicOption
 from rig.declared import argument, option
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from rig.live.feed import Listener
     from rig.live.state import History
     from rig.live.watch import WatchPage
+    from rig.tactile.sample import EstimatorFaults
 
 bridge = Commands(
     no_args_is_help=True, help="Publish live angles, alarms and images for other robot software."
@@ -172,27 +173,28 @@ def _show_stored(options: LiveOptions) -> None:
     """Estimate a stored clip and show it until Ctrl-C."""
     if options.terminal or options.json or len(options.sources) > 1 or options.sensor is not None:
         raise InputError("--page shows one stored clip: leave --terminal, --json and --sensor out")
-    history, name, simulated = _stored(options)
-    with stopped_by_person() as stopped, ExitStack() as stack:
-        from rig.live.watch import WatchPage, watch_address
+    from rig.live.watch import WatchPage, watch_address
 
-        page = WatchPage(watch_address(options.watch_at), f"{mark(simulated)}{name}", history=history)
+    at = watch_address(options.watch_at)
+    history, name, faults = _stored(options)
+    with stopped_by_person() as stopped, ExitStack() as stack:
+        page = WatchPage(at, name, history=history)
         stack.callback(page.close)
-        say(f"{mark(simulated)}{name} at {page.address}; press Ctrl-C to end")
+        say(f"{name} at {page.address}; press Ctrl-C to end")
         if options.browser:
             _open(page, stack)
         stopped.wait(options.seconds)
     say("ended")
+    report_faults(faults)
 
 
-def _stored(options: LiveOptions) -> "tuple[History, str, bool]":
-    """Return the history of a stored clip, its name, and whether it is of a simulated sensor."""
+def _stored(options: LiveOptions) -> "tuple[History, str, list[EstimatorFaults]]":
+    """Return the history of a stored clip, its name, and the faults of a user-defined estimator."""
     from rig.cli.estimate import estimate_all
     from rig.frames.estimates import Estimation
     from rig.frames.of_session import recording_frames
     from rig.frames.series import read_frames
     from rig.live.stored_clip import stored_history
-    from rig.report.session import find_lift
     from rig.sessions.files import is_recording
     from rig.sessions.manifest import TrialManifest, is_session, read_manifest_of
     from rig.sessions.recording_file import recording_values
@@ -203,6 +205,8 @@ def _stored(options: LiveOptions) -> "tuple[History, str, bool]":
     choice = choose_estimator(options.estimator, gel=options.gel)
     run = Estimation(choice, background, aspect=options.pixel_aspect)
     if is_session(path):
+        from rig.report.session import find_lift
+
         manifest = read_manifest_of(path, TrialManifest, "only trials have lifts")
         path /= find_lift(path, manifest, options.lift).recording
     elif options.lift is not None:
@@ -224,7 +228,7 @@ def _stored(options: LiveOptions) -> "tuple[History, str, bool]":
     begin_phase("drawing the frames")
     history = stored_history(shown, lift_ns, path)
     end_phase()
-    return history, str(path), simulated
+    return history, f"{mark(simulated)}{path}", [one.faults for one in shown if one.faults]
 
 
 def is_simulated(sources: Sequence[str]) -> bool:

@@ -10,13 +10,19 @@ from contextlib import suppress
 from pathlib import Path
 from urllib.request import Request, urlopen
 
+import numpy as np
 import pytest
 
 from drivers.images import encode_png
 from drivers.types import Image
+from rig.cli.live import LiveOptions, _stored
+from rig.live.feed import OBJECT
+from rig.report.session import find_lift
+from rig.sessions.manifest import TrialManifest, read_manifest_of
 from support.command_line import rig
 from support.desk_frames import desk_frames
 from support.marks import long
+from support.ros_bags import TOPIC, write_bag
 from support.waiting import LIMIT_S, until
 
 
@@ -197,3 +203,64 @@ def test_bridge_publishes_until_the_file_ends(clip: Path, monkeypatch: pytest.Mo
     assert "publishing in domain 99: /frames/image_raw/compressed, /angle/frames, /slip/frames" in done.stderr
     messages = int(done.stderr.split("ended: ")[1].split()[0])
     assert 150 < messages <= 3 * len(list(clip.iterdir()))
+
+
+@pytest.mark.parametrize("lift", ["1", None])
+def test_lift_of_a_session_is_opened_with_both_fingertips_and_the_object(
+    one_lift: Path, lift: str | None
+) -> None:
+    manifest = read_manifest_of(one_lift, TrialManifest, "")
+    recording = one_lift / find_lift(one_lift, manifest, None).recording
+    source = one_lift if lift else recording
+    history, name, faults = _stored(LiveOptions([str(source)], lift=lift, page=True))
+    assert (name, faults) == (f"SIMULATED {recording}", [])
+    assert set(history.sensors) == {*manifest.signs, OBJECT}
+    for serial in manifest.signs:
+        sensor = history.sensors[serial]
+        assert 5 * (sensor.points[-1][0] - sensor.points[0][0]) == pytest.approx(len(sensor.pictures), abs=2)
+    assert {event["text"] for event in history.events} >= {"contact", "zero"}
+    angles = {
+        name: [point[1] for point in sensor.points if point[1] is not None]
+        for name, sensor in history.sensors.items()
+    }
+    last_deg = [angles[serial][-1] for serial in manifest.signs]
+    assert len(angles[OBJECT]) > 60
+    assert min(last_deg) - 2.0 < angles[OBJECT][-1] < max(last_deg) + 2.0
+    assert np.ptp(angles[OBJECT]) > 5.0
+
+
+def test_bag_is_opened_as_a_whole(tmp_path: Path) -> None:
+    frames = list(desk_frames(5.0))
+    bag = write_bag(
+        tmp_path / "bag", {TOPIC: [f.image for f in frames]}, times_ns=[f.time_ns for f in frames]
+    )
+    history, _, _ = _stored(LiveOptions([str(bag)], page=True, estimator="ellipse", topic=TOPIC))
+    (sensor,) = history.sensors.values()
+    assert len(sensor.points) == len(frames)
+    assert history.began_s == pytest.approx(2.0)
+
+
+def test_only_the_last_ten_minutes_of_a_long_clip_are_kept(clip: Path) -> None:
+    history, _, _ = _stored(LiveOptions([str(clip)], page=True, estimator="ellipse", fps=0.25))
+    (sensor,) = history.sensors.values()
+    assert history.began_s == 0.0
+    assert sensor.points[0][0] == pytest.approx(164 / 0.25 - 600.0, abs=4.0)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "cause"),
+    [
+        (["CLIP", "--page", "--terminal"], "leave --terminal, --json and --sensor out"),
+        (["CLIP", "CLIP", "--page"], "--page shows one stored clip"),
+        (["CLIP", "--page", "--lift", "2"], "is not a session: leave --lift out"),
+        (["CLIP", "--lift", "2"], "add --page"),
+        (["nowhere", "--page"], "there is no such file or folder"),
+        (["CLIP", "--page", "--watch-at", "8080"], "write host and port"),
+    ],
+)
+def test_options_that_do_not_fit_a_stored_clip_are_refused(
+    clip: Path, arguments: list[str], cause: str
+) -> None:
+    done = rig("live", *(str(clip) if each == "CLIP" else each for each in arguments), "--no-browser")
+    assert done.returncode == 2
+    assert cause in " ".join(done.stderr.split())

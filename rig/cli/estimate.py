@@ -147,11 +147,9 @@ def _series(options: EstimateOptions, run: "Estimation") -> None:
     mm_per_px = None if options.gel is None else read_scale(options.gel)
     begin_phase(f"reading {path}")
     series = read_frames(path, options.timestamps, options.fps, options.topic)
-    for note in series.notes:
-        say(note)
     begin_phase(f"estimating with {run.choice.name}")
     done = run.of_series(series)
-    figures = _report(f"{mark(series.simulated)}{path}", done, run)
+    figures = report_estimate(f"{mark(series.simulated)}{path}", done, run)
     _deliver(options, run, rows(done.estimate, mm_per_px), figures, [done], series.simulated)
 
 
@@ -166,7 +164,7 @@ def _recording(options: EstimateOptions, run: "Estimation") -> None:
     for tip, done in zip(tips, estimate_all(run, tips), strict=True):
         shown.append(done)
         samples += [{**row, "sensor": tip.serial} for row in rows(done.estimate)]
-        report = _report(f"{path}, {tip.serial}", done, run)
+        report = report_estimate(f"{path}, {tip.serial}", done, run)
         figures.append({"serial": tip.serial, "sign": tip.sign, **report})
     simulated = recording_values(path).get("simulated") == "SIMULATED"
     _deliver(options, run, samples, {"recording": str(path), "sensors": figures}, shown, simulated)
@@ -187,7 +185,7 @@ def _session(options: EstimateOptions, run: "Estimation") -> None:
     for tip, done in zip(tips, estimate_all(run, tips), strict=True):
         file = out / f"{tip.lift}_{tip.serial}.csv"
         _write(file, table(rows(done.estimate)))
-        figures = _report(f"lift {tip.lift}, {tip.serial}", done, run)
+        figures = report_estimate(f"lift {tip.lift}, {tip.serial}", done, run)
         faults += [done.faults] if done.faults else []
         lifts.append({"lift": tip.lift, "serial": tip.serial, "sign": tip.sign, **figures, "out": str(file)})
     if options.json:
@@ -251,10 +249,11 @@ def _write(file: Path, text: str) -> None:
         raise InputError(f"{file}: cannot be written ({error.strerror}): choose another --out") from error
 
 
-def _report(what: str, done: "EstimatedSeries", run: "Estimation") -> dict[str, object]:
+def report_estimate(what: str, done: "EstimatedSeries", run: "Estimation") -> dict[str, object]:
+    """Print the notes, warnings and figures of an estimated series; return the figures."""
     warnings, faults = done.warnings, done.faults
-    for warning in warnings:
-        say(f"warning: {warning}")
+    for text in (*done.frames.notes, *(f"warning: {warning}" for warning in warnings)):
+        say(text)
     say(done.background)
     say(f"{what}: {run.choice.name}, {done.text}")
     settings = {"estimator": run.choice.name, "window": run.choice.window, "background": done.background}

@@ -124,38 +124,48 @@ def live(options: LiveOptions) -> None:
       rig live lift.avi --page
       rig live sessions/2026-11-21T093000_trial --page --lift 3
     """
-    if options.page:
-        _show_stored(options)
-        return
-    if options.lift is not None or options.topic is not None:
-        raise InputError("--lift and --topic are for stored clips: add --page, or leave them out")
-    page, summaries = None, []
-    with stopped_by_person() as stopped, ExitStack() as stack:
-        from rig.live.watch import WatchPage, watch_address
+    from rig.live.watch import WatchPage, watch_address
 
-        if options.watch_at is not None and (options.terminal or options.json):
-            raise InputError("--watch-at is the address of the page: leave it out, or --terminal and --json")
-        name = f"{mark(is_simulated(options.sources))}rig live {' '.join(options.sources)}"
+    page, desk, summaries, faults = None, None, [], []
+    if not options.page and (options.lift is not None or options.topic is not None):
+        raise InputError("--lift and --topic are for stored clips: add --page, or leave them out")
+    if options.page and (options.terminal or options.json or len(options.sources) > 1 or options.sensor):
+        raise InputError("--page shows one stored clip: leave --terminal, --json and --sensor out")
+    if options.watch_at is not None and (options.terminal or options.json):
+        raise InputError("--watch-at is the address of the page: leave it out, or --terminal and --json")
+    at = watch_address(options.watch_at)
+    if options.page:
+        history, name, faults = _stored(options)
+    else:
+        history, name = None, f"{mark(is_simulated(options.sources))}rig live {' '.join(options.sources)}"
+    with stopped_by_person() as stopped, ExitStack() as stack:
         if not options.terminal and not options.json:  # its process starts up while this one imports the rest
-            page = WatchPage(watch_address(options.watch_at), name, estimators=offered(options.estimator))
+            page = WatchPage(
+                at, name, estimators=() if options.page else offered(options.estimator), history=history
+            )
             stack.callback(page.close)
-        desk = desk_of(options, stack, options.clips, () if page is None else (page.listener,))
+        if not options.page:
+            desk = desk_of(options, stack, options.clips, () if page is None else (page.listener,))
         say(f"{name}{'' if page is None else f' at {page.address}'}; press Ctrl-C to end")
         if page is not None and options.browser:
             _open(page, stack)
-        compute_in_one_thread()
-        stack.enter_context(desk)
-        show: Callable[[Reading], None] = lambda reading: None  # noqa: E731 - a page needs no lines
-        if options.json:
-            show = partial(_print_json, stopped)
-        elif options.terminal:
-            show = stack.enter_context(_terminal())
-        run_desk(desk, show, options.seconds, stopped, page)
-        if desk.fault is not None:
-            raise EstimatorError(f"ended; the estimator failed: {desk.fault}")
-        if not desk.ended:  # the summaries of sources that have ended were shown then
-            summaries = [f"{sensor.name}: {sensor.summary}" for sensor in desk.sensors.values()]
+        if desk is None:
+            stopped.wait(options.seconds)
+        else:
+            compute_in_one_thread()
+            stack.enter_context(desk)
+            show: Callable[[Reading], None] = lambda reading: None  # noqa: E731 - a page needs no lines
+            if options.json:
+                show = partial(_print_json, stopped)
+            elif options.terminal:
+                show = stack.enter_context(_terminal())
+            run_desk(desk, show, options.seconds, stopped, page)
+            if desk.fault is not None:
+                raise EstimatorError(f"ended; the estimator failed: {desk.fault}")
+            if not desk.ended:  # the summaries of sources that have ended were shown then
+                summaries = [f"{sensor.name}: {sensor.summary}" for sensor in desk.sensors.values()]
     say("\n".join([*summaries, "ended"]))
+    report_faults(faults)
 
 
 def _open(page: "WatchPage", stack: ExitStack) -> None:
@@ -169,28 +179,9 @@ def _open(page: "WatchPage", stack: ExitStack) -> None:
         say(NO_BROWSER)
 
 
-def _show_stored(options: LiveOptions) -> None:
-    """Estimate a stored clip and show it until Ctrl-C."""
-    if options.terminal or options.json or len(options.sources) > 1 or options.sensor is not None:
-        raise InputError("--page shows one stored clip: leave --terminal, --json and --sensor out")
-    from rig.live.watch import WatchPage, watch_address
-
-    at = watch_address(options.watch_at)
-    history, name, faults = _stored(options)
-    with stopped_by_person() as stopped, ExitStack() as stack:
-        page = WatchPage(at, name, history=history)
-        stack.callback(page.close)
-        say(f"{name} at {page.address}; press Ctrl-C to end")
-        if options.browser:
-            _open(page, stack)
-        stopped.wait(options.seconds)
-    say("ended")
-    report_faults(faults)
-
-
 def _stored(options: LiveOptions) -> "tuple[History, str, list[EstimatorFaults]]":
     """Return the history of a stored clip, its name, and the faults of a user-defined estimator."""
-    from rig.cli.estimate import estimate_all
+    from rig.cli.estimate import estimate_all, report_estimate
     from rig.frames.estimates import Estimation
     from rig.frames.of_session import recording_frames
     from rig.frames.series import read_frames
@@ -222,9 +213,7 @@ def _stored(options: LiveOptions) -> "tuple[History, str, list[EstimatorFaults]]
         series = read_frames(path, fps=options.fps, topic=options.topic)
         shown, lift_ns, simulated = [run.of_series(series)], None, series.simulated
     for one in shown:
-        for text in (*one.frames.notes, *(f"warning: {text}" for text in one.warnings), one.background):
-            say(text)
-        say(f"{one.name}: {run.choice.name}, {one.text}")
+        report_estimate(f"{mark(simulated)}{one.name}", one, run)
     begin_phase("drawing the frames")
     history = stored_history(shown, lift_ns, path)
     end_phase()

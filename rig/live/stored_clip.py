@@ -25,7 +25,8 @@ def stored_history(shown: Sequence[EstimatedSeries], lift_ns: int | None, folder
     """
     times_ns = [sample.time_ns for one in shown for sample in one.estimate.samples if not sample.jumped]
     first_ns, last_ns = min(times_ns), max(times_ns)
-    history = History(began_s=first_ns / NS_PER_S)
+    began_s = first_ns / NS_PER_S
+    history = History(began_s=began_s)
     for one in shown:
         _add_series(history, one, last_ns - to_ns(HISTORY_S))
     if len(shown) > 1 and lift_ns is not None:
@@ -34,7 +35,7 @@ def stored_history(shown: Sequence[EstimatedSeries], lift_ns: int | None, folder
             state = sample.disagreement or sample.state.value
             history.take(_message(Reading(OBJECT, sample.time_ns, state, sample)))
     for time_s, text in _marks(folder / MARKS):
-        history.add_event(text, history.began_s + time_s)
+        history.add_event(text, began_s + time_s)
     return history
 
 

@@ -29,6 +29,8 @@ HISTORY_S, KEPT_FRAMES = 600.0, 36_000
 """Length of the history of a live sensor, and its most frames: those of a DIGIT, 60 per second."""
 PICTURES_PER_S, KEPT_PICTURE_BYTES = 5, 48_000_000
 """Images per second in the history of a sensor, and their most bytes: 10 minutes of images of 16 kB."""
+TIME_DIGITS = 6
+"""Decimals of the times of points and events in s; equal ones, so that an event leads to its frame."""
 KEPT_EVENTS, MERGED_S = 300, 1.0
 """Most events in the list; events of one kind and sensor are counted together up to this time apart."""
 SENT_POINTS = 2000
@@ -79,7 +81,9 @@ class SensorOnPage:
         angle, sigma, rate = (_short(values[key]) for key in ("angle_deg", "sigma_deg", "rate_deg_s"))
         marks = values["zero_s"], values["dropped"]
         state = sys.intern(values["state"])
-        self.points.append((round(time_s, 6), angle, sigma, *marks, rate, state, values["slip"], number))
+        self.points.append(
+            (round(time_s, TIME_DIGITS), angle, sigma, *marks, rate, state, values["slip"], number)
+        )
         self.added += 1
         while self.points[0][0] < time_s - HISTORY_S:
             self.points.popleft()
@@ -143,6 +147,7 @@ class History:
     def add_event(self, text: str, time_s: float, sensor: str = "", count: int = 1) -> None:
         """Add an event, or count it with one of the same text and sensor less than `MERGED_S` before."""
         self.changes += 1
+        time_s = round(time_s, TIME_DIGITS)
         same = (e for e in reversed(self.events) if (e["text"], e["sensor"]) == (text, sensor))
         last = next(same, None)
         if last is None or not 0.0 <= time_s - last["last_s"] < MERGED_S:

@@ -32,7 +32,7 @@ REPORT_WAIT_S = 1.5
 """Time that a connected browser gets to fetch the report before the server stops."""
 READ_EVERY_S = 0.1
 """Interval at which messages are read without a browser, so that the history is complete."""
-_MARK_AT = re.compile(rf"{MARK} [0-9]{{1,10}}\.[0-9]{{3}}")
+_MARK_AT = re.compile(rf"{MARK} [0-9]{{1,10}}\.[0-9]{{6}}")
 """The action that marks a moment, with its time in s."""
 LOOKING, REPORT_SHOWN = b"looking", b"report shown"
 """Messages of the server's process: a browser has opened the page; a browser has fetched the report."""

@@ -341,7 +341,7 @@ def test_history_is_scrubbed_events_lead_to_their_moment_and_live_goes_on(
     light(0)
     assert pressed_keys(shown, "ArrowRight", "ArrowRight") == pytest.approx(contact_s + 0.3, abs=1e-5)
     browser.key("m", "m")
-    until(lambda: shown.page.asked() == f"mark {contact_s + 0.3:.3f}", LIMIT_S)
+    until(lambda: shown.page.asked() == f"mark {contact_s + 0.3:.6f}", LIMIT_S)
     shown.mark(contact_s + 0.3, "mark 1")
     until(lambda: browser.value("document.querySelector('#chart .mark') !== null"), LIMIT_S)
     assert seen("mark 1")

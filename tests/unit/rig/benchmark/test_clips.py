@@ -234,7 +234,8 @@ def test_command_writes_page_json_and_table_and_exits_with_4(clips: Path, tmp_pa
     assert figures["estimators"]["slip"]["all"]["labels"] == 6
     assert len(figures["estimators"]["slip"]["clips"]["video_clip"]["by_label"]) == 3
     page = (out / "index.html").read_text()
-    assert page.count("<svg") == 2
+    assert page.count("<svg") == 3, "a figure per clip, and time against error"
+    assert "<svg" in (out / "time_and_error.svg").read_text()
     assert page.count("data:image/jpeg") == 2 * len(LABELS)
     assert json.loads((out / "results.json").read_text()).keys() == figures.keys()
     assert "old" not in readme.read_text()

@@ -20,17 +20,21 @@ from rig.config import validation_text
 from rig.config.models import LimitConfig, LimitsFile
 from rig.results.summary import summarize_lifts
 from rig.sessions.records import Lift, LiftTiming, finished, lift_columns
+from rig.sessions.table_files import unit_of
 
 Limits = tuple[LimitConfig, ...]
 
-UNITS = ("deg", "s", "m", "ms", "px")
-"""Last parts of figures' names that are their unit; others have none."""
 OfLift = Callable[[Lift, LiftTiming | None], float | None]
 """Returns a figure of a lift; None if it was not measured, which misses a limit."""
 
 
 def _apart(one: float | None, other: float | None) -> float | None:
     return None if one is None or other is None else abs(one - other)
+
+
+def _frame_ms(_: Lift, timing: LiftTiming | None) -> float | None:
+    total = timing.stages.get("total") if timing else None
+    return total and total.p99_ms
 
 
 def _largest_delay_ms(_: Lift, timing: LiftTiming | None) -> float | None:
@@ -50,27 +54,26 @@ LIFT_FIGURES: Mapping[str, OfLift] = {
     },
     "abs_final_error_deg": lambda lift, _: _apart(lift.final_estimate_deg, lift.final_truth_deg),
     "onset_delay_s": lambda lift, _: lift.onset_delay_s,
-    # The next two are 0 where the lift has no warning, or if they cannot be measured.
-    "lag_s": lambda lift, _: lift.lag.lag_s if lift.lag else 0.0,
+    # 0 without a warning, or if it cannot be measured
     "clock_rate_off": lambda lift, _: max(
         (abs(rate - 1.0) for rate in (lift.clock_rates or {}).values()), default=0.0
     ),
     "dropped": lambda lift, _: sum(lift.dropped.values()),
     "contact_area_px": lambda lift, _: min(lift.contact_area_px.values(), default=None),
+    "frame_p99_ms": _frame_ms,
     "capture_to_angle_p99_ms": _largest_delay_ms,
 }
 """Figures of a lift by name: the numbers of `lifts.csv`, and further ones that are computed."""
 SESSION_FIGURES: Mapping[str, str] = {
     "answered_in_all": "answered",
-    **{name: name for name in ("mare_deg", "mare_b_deg", "mare_held_deg", "lifts_accepted", "lifts_refused")},
+    "mare_deg": "mare_deg",
+    "mare_std_deg": "mare_std_deg",
+    "mare_b_deg": "mare_b_deg",
+    "mare_held_deg": "mare_held_deg",
+    "lifts_accepted": "lifts_accepted",
+    "lifts_refused": "lifts_refused",
 }
 """Figures of a session, or of one of its objects, with their keys in `TrialSummary.as_json`."""
-
-
-def unit_of(figure: str) -> str:
-    """Return the unit of a figure, which is the end of its name; "" for a number or share."""
-    unit = figure.rpartition("_")[2]
-    return unit if unit in UNITS else ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,7 +89,7 @@ class Judged:
     @property
     def shown(self) -> str:
         """The value with its unit."""
-        return "no value" if self.value is None else f"{self.value:.4g} {unit_of(self.figure)}".rstrip()
+        return "no value" if self.value is None else f"{self.value:.4g} {unit_of(self.figure) or ''}".rstrip()
 
     def __str__(self) -> str:
         return f"{self.of}: {self.figure} {self.shown}, required {self.asked}"
@@ -115,7 +118,8 @@ def checked_limits(limits: Limits, objects: Sequence[str], own: Sequence[GraspFi
         _require_figure(limit, where)
         unit = unit_of(limit.figure)
         if limit.unit is not None and limit.unit != unit:
-            raise InputError(f"{where}: {limit.figure} is in '{unit}', and the limit in '{limit.unit}'")
+            own_unit = f"is in '{unit}'" if unit else "has no unit"
+            raise InputError(f"{where}: {limit.figure} {own_unit}, and the limit is in '{limit.unit}'")
         of = None if limit.object is None else find_grasp_file(limit.object, own).id
         if of is not None and of not in objects:
             raise InputError(f"{where}: object {limit.object} is not lifted in this trial")
@@ -154,7 +158,7 @@ def judged(limits: Limits, rows: Sequence[Lift], timing: Sequence[LiftTiming] = 
 def _asked(limit: LimitConfig) -> str:
     least = None if limit.lower is None else f"at least {limit.lower:g}"
     most = None if limit.upper is None else f"at most {limit.upper:g}"
-    asked = f"{' and '.join(filter(None, (least, most)))} {unit_of(limit.figure)}".rstrip()
+    asked = f"{' and '.join(filter(None, (least, most)))} {unit_of(limit.figure) or ''}".rstrip()
     return asked if limit.object is None else f"{asked}, object {limit.object}"
 
 

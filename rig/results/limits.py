@@ -17,6 +17,7 @@ from drivers.errors import InputError, unknown_name
 from drivers.formats import MOST_TOML_BYTES, parse_toml, read_text
 from protocols.grasps import GraspFile, find_grasp_file
 from rig.config import validation_text
+from rig.config.load import place_of
 from rig.config.models import LimitConfig, LimitsFile
 from rig.results.summary import summarize_lifts
 from rig.sessions.records import Lift, LiftTiming, finished, lift_columns
@@ -106,15 +107,20 @@ def read_limits(path: Path) -> Limits:
         raise InputError(f"{path}: {validation_text(error, text, known)}") from error
 
 
-def checked_limits(limits: Limits, objects: Sequence[str], own: Sequence[GraspFile] = ()) -> Limits:
+def checked_limits(
+    limits: Limits, objects: Sequence[str], own: Sequence[GraspFile] = (), file: Path | None = None
+) -> Limits:
     """Return limits with the ids of their objects.
 
-    objects: ids of the trial's. own: a lab's objects. Raises `InputError` for an unknown figure, another
-    unit, or another object.
+    objects: ids of the trial's. own: a lab's objects. file: the TOML file of the limits, for messages. Raises
+    `InputError` for an unknown figure, another unit, or another object.
     """
+    text = read_text(file, MOST_TOML_BYTES) if file is not None and file.is_file() else None
     checked = []
     for number, limit in enumerate(limits):
-        where = f"limits[{number}]"
+        where = f"limits.{number}"
+        if text is not None:
+            where = f"{file}: {place_of(text, ('limits', number, 'figure'))}: {where}"
         _require_figure(limit, where)
         unit = unit_of(limit.figure)
         if limit.unit is not None and limit.unit != unit:

@@ -124,6 +124,14 @@ TINY = json.dumps({"shapes": [{"points": SQUARE}], "imageHeight": 1e-300, "image
         (lambda d: write_label(d / "a.json", [[0.0, 0.0], [1e15, 9.0]], "circle"), "not in its image"),
         (lambda d: write_label(d / "a.json", [[0.0, 0.0], [900.0, 9.0], [5.0, 9.0]]), "far outside"),
         (lambda d: (d / "a.json").write_text('{"shapes": [7]}'), "points cannot be read"),
+        (
+            lambda d: (d / "a.json").write_text('{"shape": []}'),
+            r"no 'shapes' \(column 3 has 'shape'\): correct",
+        ),
+        (
+            lambda d: (d / "a.json").write_text('{"shapes": [\n {"point": []}]}'),
+            r"a.json, shape 1: no 'points' \(line 2, column 4 has 'point'\)",
+        ),
         (lambda d: (d / "a.json").write_text('{"shapes": [], "x": ' + "[" * 9000), "nested too deeply"),
         (lambda d: (d / "a.json").write_text(TINY), "far outside"),
         (lambda d: (d / "a.png").unlink(), "not beside it"),

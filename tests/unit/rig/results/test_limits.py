@@ -95,10 +95,16 @@ def test_limit_that_cannot_apply_is_refused(limit: dict[str, object], words: str
     ("text", "words"),
     [
         ("", "limits: Field required"),
-        ('[[limit]]\nfigure = "answered"\nlower = 1\n', "line 1: limit: unknown key .did you mean 'limits'"),
+        (
+            '[[limit]]\nfigure = "answered"\nlower = 1\n',
+            "line 1, column 3: limit: unknown key .did you mean 'limits'",
+        ),
         ('[[limits]]\nfigure = "answered"\n', "needs lower, upper or both"),
         ('[[limits]]\nfigure = "answered"\nlower = 2\nupper = 1\n', "lower is above upper"),
-        ('[[limits]]\nfigure = "answered"\nlowest = 2\n', "line 3: limits.0.lowest: .*did you mean 'lower'"),
+        (
+            '[[limits]]\nfigure = "answered"\nlowest = 2\n',
+            "line 3, column 1: limits.0.lowest: .*did you mean 'lower'",
+        ),
         ('[[limits]]\nfigure = "answered"\nlower = "much"\n', "number"),
     ],
 )

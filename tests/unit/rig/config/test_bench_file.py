@@ -36,7 +36,9 @@ def test_template_lists_each_value_to_enter_and_is_a_real_bench_when_filled(tmp_
     for number in (n for n, line in enumerate(lines, 1) if "ENTER " in line and not line.startswith("#")):
         key, _, rest = lines[number - 1].partition(" = ")
         advice = rest.split('"')[1].removeprefix("ENTER ")
-        assert re.search(rf"line {number}, column 1: [\w.]*{key}: enter {re.escape(advice)}", str(refused.value))
+        assert re.search(
+            rf"line {number}, column 1: [\w.]*{key}: enter {re.escape(advice)}", str(refused.value)
+        )
     path.write_text(filled(path.read_text()))
     config = load_bench(str(path))
     assert not config.simulated

@@ -151,6 +151,7 @@ def judged(limits: Limits, rows: Sequence[Lift], timing: Sequence[LiftTiming] = 
     for limit in limits:
         _require_figure(limit, "limits")
         own = [lift for lift in lifts if limit.object in (None, lift.object)]
+        values: list[tuple[str, Any]]
         if limit.figure in LIFT_FIGURES:
             figure = LIFT_FIGURES[limit.figure]
             values = [(of.title, figure(of, times.get((of.number, of.attempt)))) for of in own]

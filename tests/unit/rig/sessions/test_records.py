@@ -69,8 +69,8 @@ def test_optional_keys_are_absent_at_their_default(lift_row: MakeRow) -> None:
         (lambda row: row["re"].pop("std_deg"), "'re.std_deg' is missing"),
         (lambda row: row.update(reason="?"), "'reason' is a key that this version does not know"),
         (
-            lambda row: row.update(answerd=row.pop("answered")),
-            "'answerd' is a key that this version does not know (did you mean 'answered'?), column ",
+            lambda row: row.update(bench_ss=row.pop("bench_s")),
+            "'bench_ss' is a key that this version does not know (did you mean 'bench_s'?), column ",
         ),
         (lambda row: row["re"].update(p99_deg=1.0), "'re.p99_deg' is a key that"),
         (lambda row: row.update(number="3"), "'number' Input should be a valid integer, found '3'"),
@@ -115,8 +115,8 @@ def test_invalid_line_is_named(tmp_path: Path) -> None:
         (lambda m: m.pop("seed"), "'seed' is missing"),
         (lambda m: m.update(colour="red"), "'colour' is a key that this version does not know"),
         (
-            lambda m: m["config"]["arm"].update(drivr=m["config"]["arm"].pop("driver")),
-            "'config.arm.drivr' is a key that this version does not know (did you mean 'driver'?), column ",
+            lambda m: m["config"]["arm"].update(driverr=m["config"]["arm"].pop("driver")),
+            "'config.arm.driverr' is a key that this version does not know (did you mean 'driver'?), column ",
         ),
         (lambda m: m["config"]["arm"].pop("driver"), "'config.arm.driver' is missing"),
         (lambda m: m.update(signs={"T1": "left"}), "'signs.T1' Input should be 1 or -1"),

@@ -217,7 +217,7 @@ def figure(
 
 
 def _signed(value: float | None, digits: int, factor: float = 1.0) -> str:
-    return "" if value is None else f"{value * factor:+.{digits}f}"
+    return "" if value is None else f"{value * factor:+z.{digits}f}"
 
 
 def _first_reaction(key: str, lift: "Lift") -> object:

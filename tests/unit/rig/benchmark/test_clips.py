@@ -218,7 +218,7 @@ def test_folders_without_clips_are_named(tmp_path: Path) -> None:
         read_clips(tmp_path)
     (tmp_path / "clip").mkdir()
     (tmp_path / "clip" / "labels.csv").write_text(labels_text(LABELS))
-    with pytest.raises(InputError, match="0 videos and no folder 'frames'"):
+    with pytest.raises(InputError, match="is no clip, it has neither a folder 'frames' nor a video"):
         read_clips(tmp_path)
 
 

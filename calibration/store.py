@@ -88,8 +88,9 @@ def load(
     content = read_yaml(path)
     about = content.pop("calibration", None)
     if not isinstance(about, dict) or about.get("schema") != SCHEMA:
+        named = formats.similar_key(formats.read_text(path, formats.MOST_YAML_BYTES), "calibration")
         raise CalibrationError(
-            f"{path}: not a calibration file of schema {SCHEMA}; make it with rig calibrate"
+            f"{path}: not a calibration file of schema {SCHEMA}{named}; make it with rig calibrate"
         )
     if about.get("kind") != kind:
         raise CalibrationError(f"{path}: holds a calibration of '{about.get('kind')}', '{kind}' is needed")
@@ -109,12 +110,21 @@ def load(
             software=about.get("software", {}),
         )
     except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
-        why = f"{type(error).__name__}: {formats.reason(error)}"
-        raise CalibrationError(f"{path}: damaged ({why}); make it again with rig calibrate") from error
+        raise CalibrationError(
+            f"{path}: damaged ({why_damaged(path, error)}); make it again with rig calibrate"
+        ) from error
     check_serials(path, file.serials, serials or {})
     if file.assessment.verdict is Verdict.REFUSED and not allow_refused:
         raise CalibrationError(f"{path}: was refused when it was made ({file.assessment.reasons[0]})")
     return file
+
+
+def why_damaged(path: Path, error: Exception) -> str:
+    """Return an error in the content of a calibration file as text: for `KeyError` with a similar key."""
+    if not isinstance(error, KeyError):
+        return f"{type(error).__name__}: {formats.reason(error)}"
+    key = str(error.args[0])
+    return f"no '{key}'{formats.similar_key(formats.read_text(path, formats.MOST_YAML_BYTES), key)}"
 
 
 def check_serials(path: Path, written: Mapping[str, str], at_hand: Mapping[str, str]) -> None:

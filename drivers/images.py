@@ -28,6 +28,7 @@ MOST_BYTES = 200_000_000
 """Size limit of an image file in bytes: four bytes per pixel of the largest image that is decoded."""
 BEGINNING_BYTES = 65_536
 """Size of the part that is read of a file that can contain only one picture; other files are read whole."""
+REDUCED = {2: cv2.IMREAD_REDUCED_COLOR_2, 4: cv2.IMREAD_REDUCED_COLOR_4}
 JPEG_QUALITY = 95
 """JPEG quality of stored images. A camera's own JPEG is stored as received instead."""
 
@@ -40,9 +41,9 @@ def images_in_order(paths: Iterable[Path], suffixes: Collection[str] = SUFFIXES)
 def decode_image(data: bytes, grey: bool = False, shrink: int = 1) -> Image | None:
     """Decode to (H, W, 3) uint8 RGB, or (H, W) if `grey`, rotated upright by the orientation header.
 
-    shrink: 4 decodes a colour image at a quarter of its size, which is much faster for a JPEG. Return None if
-    decoding fails, or if `picture_flaw` rejects the data. Damage inside the coded data of a JPEG is not
-    detected.
+    shrink: 2 or 4 decode a colour image at half or a quarter of its size, which is much faster for a JPEG.
+    Return None if decoding fails, or if `picture_flaw` rejects the data. Damage inside the coded data of a
+    JPEG is not detected.
     """
     if picture_flaw(data) is not None:
         return None
@@ -53,9 +54,7 @@ def decode_image(data: bytes, grey: bool = False, shrink: int = 1) -> Image | No
             return None
     way = cv2.IMREAD_GRAYSCALE if grey else cv2.IMREAD_COLOR_RGB
     try:
-        image = cv2.imdecode(
-            np.frombuffer(data, np.uint8), way if shrink == 1 else cv2.IMREAD_REDUCED_COLOR_4
-        )
+        image = cv2.imdecode(np.frombuffer(data, np.uint8), way if shrink == 1 else REDUCED[shrink])
     except cv2.error:
         return None
     if image is None:
@@ -88,9 +87,12 @@ def _of_floats(data: bytes, grey: bool) -> Image:
     return np.asarray(cv2.cvtColor(colour, cv2.COLOR_RGB2GRAY) if grey else colour, np.uint8)
 
 
-def decode_stored(data: bytes) -> Image:
-    """Decode the bytes of a stored image to (H, W, 3) uint8 RGB. Raises `RecordingError` if damaged."""
-    image = decode_image(data)
+def decode_stored(data: bytes, shrink: int = 1) -> Image:
+    """Decode the bytes of a stored image to (H, W, 3) uint8 RGB. Raises `RecordingError` if damaged.
+
+    shrink: see `decode_image`.
+    """
+    image = decode_image(data, shrink=shrink)
     if image is None:
         raise RecordingError("a stored image cannot be decoded; the recording is damaged")
     return image

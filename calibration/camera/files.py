@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from calibration.camera.model import Array, CameraModel, CameraUncertainty
-from calibration.store import CalibrationFile, check_serials, load, read_yaml
+from calibration.store import CalibrationFile, check_serials, load, read_yaml, why_damaged
 from drivers.errors import CalibrationError
 from drivers.formats import reason, shown
 
@@ -76,7 +76,8 @@ def camera_from(content: Mapping[str, Any], where: str) -> CameraModel:
         matrix = np.asarray(content["camera_matrix"]["data"], np.float64).reshape(3, 3)
         distortion = np.asarray(content["distortion_coefficients"]["data"], np.float64).reshape(-1)
     except KeyError as error:
-        raise CalibrationError(f"{where}: has no {error}; neither camera_info nor OpenCV layout") from error
+        why = why_damaged(Path(where), error)
+        raise CalibrationError(f"{where}: {why}; neither camera_info nor OpenCV layout") from error
     except (TypeError, ValueError, OverflowError) as error:
         raise CalibrationError(f"{where}: a matrix is damaged ({reason(error)})") from error
     distortion = _supported_terms(content, distortion, where)

@@ -16,6 +16,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from decimal import Decimal
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -207,6 +208,35 @@ def parse_toml(text: str, where: str) -> dict[str, Any]:
         raise FormatError(f"{where}: is rejected as TOML: it is nested too deeply") from error
     except ValueError as error:  # also covers tomllib's own error, and invalid numbers and dates
         raise FormatError(f"{where}: not valid TOML: {reason(error)}") from error
+
+
+_KEY = re.compile(r""""([^"\\\n]{1,60})"[ \t]*:|^[ \t-]*([A-Za-z_][\w-]{0,60})[ \t]*:""", re.MULTILINE)
+"""A key of a JSON or YAML text."""
+MOST_SEARCHED = 50_000
+"""Most characters of a text that are searched for a similar key: that takes less than 1 s."""
+
+
+def key_place(text: str, key: str) -> str:
+    """Return where a key of a JSON or YAML text is first, as "line 3, column 5"; "" if it is not found.
+
+    In a text of one line it is "column 5".
+    """
+    found = next((match for match in _KEY.finditer(text) if key in match.groups()), None)
+    if found is None:
+        return ""
+    start = found.start(found.lastindex or 0)
+    line, column = text.count("\n", 0, start) + 1, start - text.rfind("\n", 0, start)
+    return f"line {line}, column {column}" if "\n" in text.strip() else f"column {column}"
+
+
+def similar_key(text: str, missing: str) -> str:
+    """Return " (line 3, column 5 has 'shape')" if a key resembles a missing one, else "".
+
+    text: JSON or YAML, of which the beginning is searched.
+    """
+    keys = {found[found.lastindex or 0] for found in _KEY.finditer(text[:MOST_SEARCHED])}
+    near = get_close_matches(missing, keys - {missing}, n=1, cutoff=0.8)
+    return f" ({key_place(text, near[0])} has '{near[0]}')" if near else ""
 
 
 def read_yaml(path: Path) -> Any:

@@ -20,6 +20,8 @@ SENSORS = ("digit", "gelsight-mini", "plain")
 FAKE = "fake"
 FILE_RATE_HZ = 60.0
 """Of a folder of images, as `rig estimate` assumes."""
+CLIP_FRAMES = "frames"
+"""Folder of the images of a clip, as in `rig.frames.clips`."""
 PLAIN_RATE_HZ = 30.0
 """Asked of a camera that no driver of ours knows: most USB cameras have it."""
 
@@ -71,7 +73,8 @@ def _source(text: str, sensor: str | None, rate_hz: float | None, clock: Clock) 
     if is_address:
         return _made(kind, without_passwords(text), text, rate_hz or FILE_RATE_HZ, clock)
     if not is_device and (path.is_file() or path.is_dir()):
-        source = _made(kind, path.name, text, rate_hz or _own_rate(path), clock)
+        frames = path / CLIP_FRAMES if (path / CLIP_FRAMES).is_dir() else path
+        source = _made(kind, path.name, str(frames), rate_hz or _own_rate(frames), clock)
         source.wait_for_reader()
         return source
     if not is_device and ("/" in text or path.suffix):

@@ -47,8 +47,8 @@ def export(options: ExportOptions) -> None:
     began = time.perf_counter()
     exported = export_session(options.session, options.to, folder, options.every)
     wall_s = round(time.perf_counter() - began, 2)
-    counts = ", ".join(f"{count} {name}" for name, count in exported.counts.items())
-    say(f"{counts}, {wall_s:.1f} s")
+    counts = ", ".join(f"{name}: {count}" for name, count in exported.counts.items())
+    say(f"{counts}; {wall_s:.1f} s")
     for note in exported.notes:
         say(note)
     notes, left_out = list(exported.notes), list(exported.left_out)

@@ -206,10 +206,12 @@ def train_turning(options: TurningOptions, run: RunOptions) -> None:
 
 def require_training() -> None:
     """Raise `InputError` with the command to install the extra `train` if a package of it is missing."""
+    from rig.config.extras import pip_line
+
     needed = ("torch", "segmentation_models_pytorch", "onnx", "onnxscript")
     if missing := [name for name in needed if find_spec(name) is None]:
         raise InputError(
-            f'{", ".join(missing)} not installed: training needs an extra: pip install -e ".[train]" '
+            f"{', '.join(missing)} not installed: training needs an extra: {pip_line('train')} "
             "(on a computer without a GPU, install the CPU build of torch first)"
         )
 

@@ -231,7 +231,8 @@ def _prepare(context: typer.Context, options: TrialOptions) -> _Trial:
     if options.max_mare is not None:
         others = [of for of in given if (of.figure, of.object) != ("mare_deg", None)]
         given = (*others, LimitConfig(figure="mare_deg", upper=options.max_mare))
-    config = config.model_copy(update={"limits": checked_limits(given, objects, config.objects)})
+    file = Path(options.bench) if options.limits is None else options.limits
+    config = config.model_copy(update={"limits": checked_limits(given, objects, config.objects, file)})
     settings = TrialSettings(config, options.seed, choice, options.realtime, kind, slip, options.markers_only)
     require_reaction(settings, objects)
     jobs = trial_jobs(options.jobs, config.in_process, options.realtime)

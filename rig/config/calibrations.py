@@ -11,10 +11,9 @@ from pydantic import ValidationError
 
 from calibration.camera.files import calibrated
 from calibration.gel.look import load_look
-from calibration.store import CalibrationFile, age_days, age_text, check_serials, load
+from calibration.store import CalibrationFile, age_days, age_text, check_serials, load, why_damaged
 from calibration.verdict import Verdict
 from drivers.errors import CalibrationError
-from drivers.formats import reason
 from rig.config import BenchConfig, TactileConfig, load_bench, validation_text
 from rig.config.in_use import CalibrationsInUse, CameraInUse, FileInUse, GelInUse, PlaceInUse
 
@@ -117,8 +116,9 @@ def _used(
             f"{path}: has invalid values ({validation_text(error)}); make it again with rig calibrate"
         ) from error
     except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
-        why = f"{type(error).__name__} {reason(error)}"
-        raise CalibrationError(f"{path}: damaged ({why}); make it again with rig calibrate") from error
+        raise CalibrationError(
+            f"{path}: damaged ({why_damaged(path, error)}); make it again with rig calibrate"
+        ) from error
     if taken is None:
         return CalibrationsInUse()
     facts = _facts(path, file)

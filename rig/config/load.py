@@ -1,6 +1,7 @@
 """Read a bench file; report errors with their lines."""
 
 import json
+import re
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import suppress
 from functools import lru_cache
@@ -82,7 +83,7 @@ def _placeholders(value: Any, where: tuple[str | int, ...]) -> Iterator[KeyFault
 def validation_text(
     error: ValidationError, source: str | None = None, known: Collection[str] | None = None
 ) -> str:
-    """Return one line that names the invalid keys with reasons, and with their lines if `source` is given.
+    """Return one line that names the invalid keys with reasons, and with their places if `source` is given.
 
     known: all valid keys, by default those of bench files.
     """
@@ -95,14 +96,14 @@ def validation_text(
 def _text(
     faults: Sequence[KeyFault], source: str | None, count: int | None = None, most: int | None = MOST_FAULTS
 ) -> str:
-    """Return the first faults with their lines.
+    """Return the first faults with their places.
 
     count: number of all faults, by default of `faults`. most: number of faults to list; None for all.
     """
     parts = []
     for loc, why in faults[:most]:
-        line = f"line {line_of(source, loc)}: " if source is not None else ""
-        parts.append(f"{line}{'.'.join(map(str, loc)) or 'file'}: {why}")
+        place = f"{place_of(source, loc)}: " if source is not None else ""
+        parts.append(f"{place}{'.'.join(map(str, loc)) or 'file'}: {why}")
     more = (count or len(faults)) - len(parts)
     return "; ".join(parts) + (f"; and {more} more" if more > 0 else "")
 
@@ -129,6 +130,16 @@ def write_new(path: Path, text: str) -> None:
         raise InputError(f"{path} exists already: give another name, or move it aside") from error
     except OSError as error:
         raise InputError(f"{path}: cannot be written ({error.strerror}); give another path") from error
+
+
+def place_of(text: str, path: KeyPath) -> str:
+    """Return where a key of valid TOML is, as "line 3, column 5"; see `line_of`."""
+    number = line_of(text, path)
+    line = (text.split("\n") or [""])[number - 1]
+    key = next((step for step in reversed(path) if isinstance(step, str)), "")
+    found = re.search(rf"\b{re.escape(key)}\b", line) if key else None
+    start = found.start() if found else len(line) - len(line.lstrip())
+    return f"line {number}, column {start + 1}"
 
 
 def line_of(text: str, path: KeyPath) -> int:

@@ -11,7 +11,7 @@ from pydantic import ValidationError
 from drivers.errors import InputError, nearest
 from drivers.formats import MOST_TOML_BYTES, parse_toml, read_text
 from protocols.grasps import OBJECTS_FOLDER, GraspFile, PlainBody, Position, load_grasp_files
-from rig.config.load import line_of, validation_text, write_new
+from rig.config.load import place_of, validation_text, write_new
 from rig.config.models import BenchConfig
 
 FOLDER = "objects"
@@ -56,7 +56,7 @@ def read_objects(folder: Path) -> dict[Path, GraspFile]:
         for key, name in zip(("id", "name"), read.names, strict=True):
             if name in taken:
                 raise InputError(
-                    f"{path}: line {line_of(text, [key])}: {key}: '{name}' is an object of {taken[name]} "
+                    f"{path}: {place_of(text, [key])}: {key}: '{name}' is an object of {taken[name]} "
                     "already; give it another one"
                 )
         taken |= dict.fromkeys(read.names, str(path))

@@ -102,7 +102,9 @@ def export_coco(request: ExportRequest) -> Exported:
     for image in _kept(request, notes, "images"):
         labelled.append(LabelledImage(image.name, image.size, mask_polygons(image.mask)))
     said = _said(request, notes)
-    document = coco_document(labelled, f"{request.session.name}; {'; '.join(said)}")
+    document = coco_document(
+        labelled, f"{request.session.name}, rig {request.manifest.tool_version}; {'; '.join(said)}"
+    )
     (request.out / "annotations.json").write_text(json.dumps(document))
     annotated = sum(bool(image.polygons) for image in labelled)
     return Exported({"images": len(labelled), "annotations": annotated}, said)

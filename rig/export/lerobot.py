@@ -46,7 +46,7 @@ EVERY_IMAGE = 30
 """Every Nth image is included in the statistics."""
 CARD = """# {session}
 
-{mark}slip trial with an episode per lift, from the grasp to the end of the hold.
+{mark}slip trial with an episode per lift, from the grasp to the end of the hold; recorded with rig {version}.
 
 - `observation.state`: pose of the TCP in the base frame (m, quaternion xyzw); the gripper's counts, or its
   opening in m if it has no counts; force (N) and torque (N m) at the TCP in the base's axes, if measured.
@@ -401,7 +401,9 @@ def _write_meta(
     sources = ", ".join([*tips, f"`camera` {bench.camera.serial}"])
     mark = simulated_mark(manifest)
     (out / "README.md").write_text(
-        CARD.format(session=request.session.name, mark=mark, fps=fps, sources=sources)
+        CARD.format(
+            session=request.session.name, mark=mark, version=manifest.tool_version, fps=fps, sources=sources
+        )
     )
 
 

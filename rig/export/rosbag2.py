@@ -69,7 +69,11 @@ def export_rosbag2(request: ExportRequest) -> Exported:
     for lift in request.finished_lifts:
         recording = request.session / lift.recording
         about = {"session": request.session.name, "object": lift.object, "name": lift.name}
-        about |= {"lift": str(lift.lift), "simulated": mark.strip() or "no"}
+        about |= {
+            "lift": str(lift.lift),
+            "simulated": mark.strip() or "no",
+            "tool_version": manifest.tool_version,
+        }
         messages += _write(request.out / recording.stem, _messages(recording, manifest.config), about)
     note = f"{mark}ROS 2 bags (MCAP); angles in rad"
     return Exported({"bags": len(request.finished_lifts), "messages": messages}, (note,))

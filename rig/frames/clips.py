@@ -75,7 +75,12 @@ def clip_frames(folder: Path) -> Path:
     if (folder / FRAMES).is_dir():
         return folder / FRAMES
     videos = sorted(p for p in folder.iterdir() if p.suffix.lower() in VIDEO_ENDINGS or is_ros_bag(p))
-    if len(videos) != 1:
+    if not videos:
+        raise InputError(
+            f"{folder}: is no clip, it has neither a folder '{FRAMES}' nor a video: give the folder of the "
+            "clip, not its parent and not the folder with the images"
+        )
+    if len(videos) > 1:
         raise InputError(
             f"{folder}: {len(videos)} videos and no folder '{FRAMES}' (a ROS bag counts as a video): give a "
             "clip, keep one of them"

@@ -17,7 +17,7 @@ import cv2
 import numpy as np
 
 from drivers.errors import FormatError, InputError
-from drivers.formats import MOST_PIXELS, read_json, shown
+from drivers.formats import MOST_JSON_BYTES, MOST_PIXELS, parse_json, read_text, shown, similar_key
 from drivers.images import decode_image, encode_png, require_same_aspect
 from drivers.types import Image
 from rig.labels.polygons import Polygon, mask_polygons, polygon_area, polygons_mask
@@ -216,9 +216,15 @@ def export_coco(files: Sequence[LabelFile], masks: Sequence[Image], path: Path, 
 def read_label(path: Path) -> dict[str, Any]:
     """Read a LabelMe file. Raises `InputError` with its problem."""
     try:
-        document = read_json(path)
+        text = read_text(path, MOST_JSON_BYTES)
+        document = parse_json(text.encode(), str(path))
     except FormatError as error:
         raise InputError(f"{error}: save it again in LabelMe") from error
     if not isinstance(document, dict) or not isinstance(document.get("shapes"), list):
-        raise InputError(f"{path}: is not a LabelMe file (no 'shapes'): remove it, and label again")
+        no = f"no 'shapes'{similar_key(text, 'shapes')}"
+        raise InputError(f"{path}: is not a LabelMe file: {no}: correct it, or remove it and label again")
+    for number, shape in enumerate(document["shapes"], start=1):
+        if isinstance(shape, dict) and "points" not in shape:
+            no = f"no 'points'{similar_key(text, 'points')}"
+            raise InputError(f"{path}, shape {number}: {no}: correct it, or draw it again in LabelMe")
     return document

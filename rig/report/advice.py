@@ -141,7 +141,7 @@ def _about_setup(trial: Trial) -> Iterator[Notice]:
     clock_advice = (
         "In rig doctor, capture time must be 'kernel'. rig calibrate sync measures a constant delay."
     )
-    if lags := [(lift, lag) for lift in trial.lifts if (lag := lift.lag)]:
+    if lags := [(lift, lag) for lift in trial.lifts if (lag := lift.lag) and lag.large]:
         worst, lag = max(lags, key=lambda pair: abs(pair[1].lag_s))
         what = f"Estimate and markers do not turn at the same time in {counted(len(lags), 'lift')}"
         yield Notice("bad", f"{what}, most in {worst.title}: {lag}.", clock_advice)

@@ -160,7 +160,12 @@ FIGURES = (
         of_turn=True,
     ),
     TIME,
-    Figure("true turn", "°", lambda lift: lift.final_truth_deg, smaller=None),
+    Figure(
+        "true turn, either way",
+        "°",
+        lambda lift: lift.final_truth_deg and abs(lift.final_truth_deg),
+        smaller=None,
+    ),
 )
 
 

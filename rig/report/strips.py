@@ -4,7 +4,7 @@ Gaps of a recording are skipped; `rig.report.session` reports them once per lift
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -26,6 +26,8 @@ from rig.tactile.contact.finder import ContactFinder
 from rig.tactile.paper.axis import ellipse_axis
 
 FRAMES = 6
+BACKGROUND_FRAMES = 10
+"""Number of frames before the grasp whose mean is the background of drawn outlines."""
 JPEG_QUALITY = 85
 LONG_SIDE_PX = 320
 _WHITE = (255, 255, 255)
@@ -70,12 +72,13 @@ def stored_images(path: Path, serials: Sequence[str]) -> Stored:
 
 
 def pictures(
-    path: Path, stored: Stored, lift: Lift, serial: str, sign: int | None, times_s: Sequence[float]
-) -> list[tuple[Image, str]]:
-    """Return a source's images nearest to some times, with captions; only these are decoded.
+    path: Path, stored: Stored, lift: Lift, serial: str, sign: int | None, least_px: int | None = None
+) -> Callable[[float], tuple[Image, str]]:
+    """Return a function that gives a source's image nearest to a time, s, and its caption.
 
-    stored: of `path`. sign: of a fingertip, whose contact and angles are drawn into the images; None for the
-    camera. Raises `SessionError` for a recording without such images.
+    Only such images are decoded. stored: of `path`. sign: of a fingertip, whose contact and angles are drawn
+    into the images; None for the camera. least_px: height that is enough; images of twice this height are
+    decoded at half their size, which is faster. Raises `SessionError` for a recording without such images.
     """
     messages = stored[serial]
     grasp_ns = lift.zero_ns + round(lift.begins_s.get("A", 0.0) * NS_PER_S)
@@ -85,24 +88,30 @@ def pictures(
     if not messages or (sign is not None and not untouched):
         raise SessionError(f"{path}: holds no frames of {serial} before and after the grasp")
 
-    begun_ns = np.array([time_ns - lift.zero_ns for time_ns, _ in messages])
+    begun_ns, shrink = np.array([time_ns - lift.zero_ns for time_ns, _ in messages]), 1
+
+    def decoded(data: bytes) -> Image:
+        return decode_stored(recorded_jpeg(data, path), shrink)
 
     def nearest(time_s: float) -> tuple[float, Image]:
         at = int(np.abs(begun_ns - time_s * NS_PER_S).argmin())
-        return begun_ns[at].item() / NS_PER_S, decode_stored(recorded_jpeg(messages[at][1], path))
+        return begun_ns[at].item() / NS_PER_S, decoded(messages[at][1])
 
-    tip, found = None, []
+    if least_px is not None and decoded(messages[0][1]).shape[0] >= 2 * least_px:
+        shrink = 2
+    tip = None
     if sign is not None:
-        finder = ContactFinder(mean_background([decode_stored(recorded_jpeg(d, path)) for d in untouched]))
+        finder = ContactFinder(mean_background([decoded(data) for data in untouched[-BACKGROUND_FRAMES:]]))
         tip = tip_at_zero(serial, sign, finder, nearest(0.0)[1])
-    for time_s in times_s:
+
+    def picture(time_s: float) -> tuple[Image, str]:
         seen_s, image = nearest(time_s)
         estimate, truth = angles_at(lift, serial, seen_s)
         if tip is None:
-            found.append((image, caption(seen_s, truth)))
-        else:
-            found.append((drawn(image, tip, estimate, truth), caption(seen_s, estimate, truth)))
-    return found
+            return image, caption(seen_s, truth)
+        return drawn(image, tip, estimate, truth), caption(seen_s, estimate, truth)
+
+    return picture
 
 
 def strip(path: Path, stored: Stored, lift: Lift, serial: str, sign: int | None) -> list[Still]:
@@ -110,8 +119,9 @@ def strip(path: Path, stored: Stored, lift: Lift, serial: str, sign: int | None)
 
     Arguments and errors are those of `pictures`.
     """
-    stills = []
-    for picture, text in pictures(path, stored, lift, serial, sign, moments(lift)):
+    stills, picture_at = [], pictures(path, stored, lift, serial, sign)
+    for time_s in moments(lift):
+        picture, text = picture_at(time_s)
         scale = min(1.0, LONG_SIDE_PX / max(picture.shape[:2]))
         small = cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
         stills.append(still(np.asarray(small, np.uint8), text))

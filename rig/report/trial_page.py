@@ -222,7 +222,7 @@ def lift_caption(lift: Lift) -> str:
     if lift.answered < 1.0:
         parts.append(f"{lift.answered:.0%} answered")
     if (late := lift.onset_delay_s) is not None:
-        parts.append(f"onset seen {late * 1e3:+.0f} ms")
+        parts.append(f"onset seen {late * 1e3:+z.0f} ms")
     return "; ".join(parts)
 
 
@@ -284,9 +284,9 @@ def onset_table(rows: Sequence[Lift]) -> Table | None:
     )
     cells = []
     for (name, late_ms), true, false in zip(onset_delays_ms(rows).items(), slips, unasked, strict=True):
-        middle, ends = f"{np.median(late_ms):+.0f}" if late_ms.size else "-", ["-", "-"]
+        middle, ends = f"{np.median(late_ms):+z.0f}" if late_ms.size else "-", ["-", "-"]
         if late_ms.size >= FEWEST_LIFTS:
-            ends = [f"{v:+.0f}" for v in np.percentile(late_ms, [5, 95])]
+            ends = [f"{v:+z.0f}" for v in np.percentile(late_ms, [5, 95])]
         cells.append([name, f"{late_ms.size} of {true}", middle, *ends, str(false)])
     columns = ("onset by", "slips seen", "median, ms", "5 %, ms", "95 %, ms", "in lifts without a slip")
     return Table(columns, cells)

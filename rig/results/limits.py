@@ -17,20 +17,25 @@ from drivers.errors import InputError, unknown_name
 from drivers.formats import MOST_TOML_BYTES, parse_toml, read_text
 from protocols.grasps import GraspFile, find_grasp_file
 from rig.config import validation_text
+from rig.config.load import place_of
 from rig.config.models import LimitConfig, LimitsFile
 from rig.results.summary import summarize_lifts
 from rig.sessions.records import Lift, LiftTiming, finished, lift_columns
+from rig.sessions.table_files import unit_of
 
 Limits = tuple[LimitConfig, ...]
 
-UNITS = ("deg", "s", "m", "ms", "px")
-"""Last parts of figures' names that are their unit; others have none."""
 OfLift = Callable[[Lift, LiftTiming | None], float | None]
 """Returns a figure of a lift; None if it was not measured, which misses a limit."""
 
 
 def _apart(one: float | None, other: float | None) -> float | None:
     return None if one is None or other is None else abs(one - other)
+
+
+def _frame_ms(_: Lift, timing: LiftTiming | None) -> float | None:
+    total = timing.stages.get("total") if timing else None
+    return total and total.p99_ms
 
 
 def _largest_delay_ms(_: Lift, timing: LiftTiming | None) -> float | None:
@@ -50,27 +55,26 @@ LIFT_FIGURES: Mapping[str, OfLift] = {
     },
     "abs_final_error_deg": lambda lift, _: _apart(lift.final_estimate_deg, lift.final_truth_deg),
     "onset_delay_s": lambda lift, _: lift.onset_delay_s,
-    # The next two are 0 where the lift has no warning, or if they cannot be measured.
-    "lag_s": lambda lift, _: lift.lag.lag_s if lift.lag else 0.0,
+    # 0 without a warning, or if it cannot be measured
     "clock_rate_off": lambda lift, _: max(
         (abs(rate - 1.0) for rate in (lift.clock_rates or {}).values()), default=0.0
     ),
     "dropped": lambda lift, _: sum(lift.dropped.values()),
     "contact_area_px": lambda lift, _: min(lift.contact_area_px.values(), default=None),
+    "frame_p99_ms": _frame_ms,
     "capture_to_angle_p99_ms": _largest_delay_ms,
 }
 """Figures of a lift by name: the numbers of `lifts.csv`, and further ones that are computed."""
 SESSION_FIGURES: Mapping[str, str] = {
     "answered_in_all": "answered",
-    **{name: name for name in ("mare_deg", "mare_b_deg", "mare_held_deg", "lifts_accepted", "lifts_refused")},
+    "mare_deg": "mare_deg",
+    "mare_std_deg": "mare_std_deg",
+    "mare_b_deg": "mare_b_deg",
+    "mare_held_deg": "mare_held_deg",
+    "lifts_accepted": "lifts_accepted",
+    "lifts_refused": "lifts_refused",
 }
 """Figures of a session, or of one of its objects, with their keys in `TrialSummary.as_json`."""
-
-
-def unit_of(figure: str) -> str:
-    """Return the unit of a figure, which is the end of its name; "" for a number or share."""
-    unit = figure.rpartition("_")[2]
-    return unit if unit in UNITS else ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,7 +90,7 @@ class Judged:
     @property
     def shown(self) -> str:
         """The value with its unit."""
-        return "no value" if self.value is None else f"{self.value:.4g} {unit_of(self.figure)}".rstrip()
+        return "no value" if self.value is None else f"{self.value:.4g} {unit_of(self.figure) or ''}".rstrip()
 
     def __str__(self) -> str:
         return f"{self.of}: {self.figure} {self.shown}, required {self.asked}"
@@ -103,19 +107,25 @@ def read_limits(path: Path) -> Limits:
         raise InputError(f"{path}: {validation_text(error, text, known)}") from error
 
 
-def checked_limits(limits: Limits, objects: Sequence[str], own: Sequence[GraspFile] = ()) -> Limits:
+def checked_limits(
+    limits: Limits, objects: Sequence[str], own: Sequence[GraspFile] = (), file: Path | None = None
+) -> Limits:
     """Return limits with the ids of their objects.
 
-    objects: ids of the trial's. own: a lab's objects. Raises `InputError` for an unknown figure, another
-    unit, or another object.
+    objects: ids of the trial's. own: a lab's objects. file: the TOML file of the limits, for messages. Raises
+    `InputError` for an unknown figure, another unit, or another object.
     """
+    text = read_text(file, MOST_TOML_BYTES) if file is not None and file.is_file() else None
     checked = []
     for number, limit in enumerate(limits):
-        where = f"limits[{number}]"
+        where = f"limits.{number}"
+        if text is not None:
+            where = f"{file}: {place_of(text, ('limits', number, 'figure'))}: {where}"
         _require_figure(limit, where)
         unit = unit_of(limit.figure)
         if limit.unit is not None and limit.unit != unit:
-            raise InputError(f"{where}: {limit.figure} is in '{unit}', and the limit in '{limit.unit}'")
+            own_unit = f"is in '{unit}'" if unit else "has no unit"
+            raise InputError(f"{where}: {limit.figure} {own_unit}, and the limit is in '{limit.unit}'")
         of = None if limit.object is None else find_grasp_file(limit.object, own).id
         if of is not None and of not in objects:
             raise InputError(f"{where}: object {limit.object} is not lifted in this trial")
@@ -141,6 +151,7 @@ def judged(limits: Limits, rows: Sequence[Lift], timing: Sequence[LiftTiming] = 
     for limit in limits:
         _require_figure(limit, "limits")
         own = [lift for lift in lifts if limit.object in (None, lift.object)]
+        values: list[tuple[str, Any]]
         if limit.figure in LIFT_FIGURES:
             figure = LIFT_FIGURES[limit.figure]
             values = [(of.title, figure(of, times.get((of.number, of.attempt)))) for of in own]
@@ -154,7 +165,7 @@ def judged(limits: Limits, rows: Sequence[Lift], timing: Sequence[LiftTiming] = 
 def _asked(limit: LimitConfig) -> str:
     least = None if limit.lower is None else f"at least {limit.lower:g}"
     most = None if limit.upper is None else f"at most {limit.upper:g}"
-    asked = f"{' and '.join(filter(None, (least, most)))} {unit_of(limit.figure)}".rstrip()
+    asked = f"{' and '.join(filter(None, (least, most)))} {unit_of(limit.figure) or ''}".rstrip()
     return asked if limit.object is None else f"{asked}, object {limit.object}"
 
 

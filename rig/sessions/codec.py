@@ -6,14 +6,14 @@ key, a missing key or a value of another type is an error that names the key.
 
 import json
 from collections.abc import Mapping
-from dataclasses import Field, fields
+from dataclasses import Field, fields, is_dataclass
 from functools import cache, cached_property
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, TypeVar, get_args
 
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 
-from drivers.errors import FormatError
-from drivers.formats import check_numbers, shown
+from drivers.errors import FormatError, nearest
+from drivers.formats import check_numbers, key_place, shown
 
 Record = TypeVar("Record")
 MEMBERS = ("trial", "record", "replay")
@@ -23,6 +23,8 @@ _REASONS = {
     "unexpected_keyword_argument": "is a key that this version does not know",
     "extra_forbidden": "is a key that this version does not know",
 }
+_UNKNOWN = ("unexpected_keyword_argument", "extra_forbidden")
+"""Types of errors for a key that the record does not have."""
 
 
 def strict(kind: type[Record]) -> type[Record]:
@@ -43,7 +45,7 @@ class Codec(Generic[Record]):
             check_numbers(text, "it")
             return self._adapter.validate_json(text)
         except ValidationError as error:
-            raise ValueError(_problem(error)) from error
+            raise ValueError(_problem(error, text, _keys_of(self._kind))) from error
         except FormatError as error:
             raise ValueError(str(error).removeprefix("it: ")) from error
 
@@ -83,12 +85,28 @@ def _adapter_of(kind: type) -> TypeAdapter[Any]:
     return TypeAdapter(kind)
 
 
-def _problem(error: ValidationError) -> str:
-    """Return one line that names the first invalid key and the reason."""
-    first, *more = error.errors(include_url=False)
+def _problem(error: ValidationError, text: bytes, known: set[str]) -> str:
+    """Return one line that names the first unknown key, else the first invalid one, and the reason.
+
+    known: keys of the record; missing ones are added, also those of inner records.
+    """
+    every = error.errors(include_url=False)
+    first, *more = sorted(every, key=lambda of: of["type"] not in _UNKNOWN)
     place = ".".join(str(part) for part in first["loc"] if part not in MEMBERS)
     why = _REASONS.get(first["type"])
     if why is None:
         why = f"{first['msg']}, found {shown(first['input'])}"
+    elif first["type"] in _UNKNOWN:
+        key = str(first["loc"][-1])
+        missing = {str(of["loc"][-1]) for of in every if of["type"] == "missing"}
+        where = key_place(text.decode(errors="replace"), key)
+        why += nearest(key, known | missing) + (f", {where}" if where else "")
     others = f" (and {len(more)} more)" if more else ""
     return f"'{place}' {why}{others}" if place else f"{why}{others}"
+
+
+def _keys_of(kind: Any) -> set[str]:
+    """Return the keys of a record, or of all members of an annotated union of records."""
+    if is_dataclass(kind):
+        return {field.name for field in fields(kind)}
+    return {key for member in get_args(kind) for key in _keys_of(member)}

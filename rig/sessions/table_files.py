@@ -13,7 +13,7 @@ from drivers.errors import InputError
 Columns = Mapping[str, type]
 """Column names in order, each with `str`, `int`, `float` or `bool`; every value may be missing."""
 UNITS = {
-    "_deg": "deg", "_rad": "rad", "_s": "s", "_px": "px", "_nm": "N m", "_n": "N", "_m": "m",
+    "_deg": "deg", "_rad": "rad", "_s": "s", "_ms": "ms", "_px": "px", "_nm": "N m", "_n": "N", "_m": "m",
     "_counts": "counts",
 }  # fmt: skip
 """Unit by the suffix of a column's name."""

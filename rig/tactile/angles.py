@@ -141,8 +141,8 @@ class Angles:
         and for values that are NaN or infinite.
         """
         seconds = arguments.array("Angles.at: time_s", time_s, None, MAX_TIME_S)
-        known, at_ns = self.known, np.rint(seconds * NS_PER_S).astype(np.int64)
-        times, angles = np.rint(known.time_s * NS_PER_S).astype(np.int64), known.angle_deg
+        known, at_ns = np.isfinite(self.angle_deg), np.rint(seconds * NS_PER_S).astype(np.int64)
+        times, angles = np.rint(self.time_s[known] * NS_PER_S).astype(np.int64), self.angle_deg[known]
         if not times.size:
             return np.full(at_ns.shape, np.nan)
         after = np.searchsorted(times, at_ns)

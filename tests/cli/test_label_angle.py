@@ -144,7 +144,7 @@ def test_invalid_clip_is_rejected(clip: Path, tmp_path: Path) -> None:
     for path, why in [
         (tmp_path / "nowhere", "no such folder"),
         (clip / "background.png", "no such folder"),
-        (clip / "frames", "no folder 'frames'"),
+        (clip / "frames", "is no clip, it has neither a folder 'frames' nor a video"),
         (empty, "no images in it"),
     ]:
         done = rig("label-angle", path, "--no-browser")

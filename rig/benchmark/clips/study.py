@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
+from matplotlib.ticker import MaxNLocator, ScalarFormatter
 
 from drivers.errors import InputError, counted, unknown_name
 from rig.benchmark.clips.labelled import (
@@ -31,7 +31,7 @@ from rig.benchmark.harness import ALL, Cell, Report, Run, Study, Table, column, 
 from rig.benchmark.measured import Measured, at_least, at_most
 from rig.declared import argument, option
 from rig.frames.estimates import FRAME_MS, Estimate, contact_ms, estimate_series, frame_ms, zeroed
-from rig.pages.figure import band, drawing, legend_above, limits, svg
+from rig.pages.figure import band, column_files, drawing, legend_above, limits, svg
 from rig.pages.page import render
 from rig.pages.palette import ESTIMATE, SERIES, TRUTH
 from rig.report.strips import Still, still
@@ -388,6 +388,7 @@ def measure(options: ClipsOptions, run: Run) -> Report:
         files={
             "index.html": page(options.public_set or options.folder.name, estimators, verdict(limits), shown),
             "table.md": section + "\n",
+            "time_and_error.svg": time_and_error(estimators)[1],
         },
         notes=[readme_row(find_set(options.public_set), first)] if options.public_set else (),
         faults={of.name: faults for of in estimators if (faults := of.faults)},
@@ -488,7 +489,31 @@ def page(title: str, estimators: Sequence[EstimatorRuns], verdict: str, tables: 
         clip = {"name": first.clip.name, "group": first.clip.group, "figure": chart, "caption": caption}
         clips.append({**clip, "stills": _stills(first)})
     shown = {"folder": title, "of": machine(), "verdict": verdict, "tables": tables, "clips": clips}
+    shown["time_and_error"] = time_and_error(estimators)[0]
     return render("rig.benchmark.clips", "clips.html", **shown)
+
+
+def time_and_error(estimators: Sequence[EstimatorRuns]) -> tuple[str, str]:
+    """Draw the mean error of each estimator over its time per frame with contact.
+
+    Return the figure for a page, and as a file of its own.
+    """
+    with drawing(CHART_PX[1], CHART_PX[0]) as figure:
+        axes = figure.add_subplot()
+        for number, of in enumerate(estimators):
+            found = of.groups[ALL]
+            if found.frame_ms is None:
+                continue
+            colour, error_deg = (SERIES if number else (ESTIMATE,))[0].light, found.mean_deg
+            axes.plot(found.frame_ms, [error_deg] * len(found.frame_ms), color=colour)
+            axes.plot(found.frame_ms[0], error_deg, "o", color=colour, markersize=5)
+            axes.annotate(of.name, (found.frame_ms[0], error_deg), (0, 5), textcoords="offset points")
+        axes.set_xscale("log")
+        axes.set(xlabel="time per frame with contact, ms: median to 99 %", ylabel="mean error, degrees")
+        axes.xaxis.set_major_formatter(ScalarFormatter())
+        axes.set_ylim(0.0)
+        text = "mean error of each estimator over its time per frame"
+        return svg(figure, text), column_files(figure)["svg"].decode()
 
 
 def draw_clip(figure: Figure, names: Sequence[str], runs: Sequence[ClipRun]) -> Axes:

@@ -87,6 +87,11 @@ WITHOUT_INPUTS = """calibration: {schema: 1, kind: camera, serials: {camera: C},
     ("text", "seen"),
     [
         ("", "no mapping"), ("{", "not valid YAML"), ("a: 1", "schema"), ("- 1", "no mapping"),
+        ("calibratoin:\n  schema: 1\n", r"schema 1 \(line 1, column 1 has 'calibratoin'\)"),
+        (
+            "calibration:\n  schema: 1\n  kind: camera\n  serial: {camera: C}\n",
+            r"no 'serials' \(line 4, column 3 has 'serial'\)",
+        ),
         ("calibration: {schema: 9}", "schema"), ("calibration: {schema: 1, kind: camera}", "damaged"),
         (WITHOUT_INPUTS, "'inputs' is not a mapping"),
     ],

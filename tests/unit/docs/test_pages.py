@@ -11,8 +11,10 @@ import rig.sessions.about
 import rig.sessions.recorder
 from rig.benchmark.clips.public import SETS
 from rig.benchmark.harness import markers
+from rig.results.limits import LIFT_FIGURES, SESSION_FIGURES
 from rig.results.table import ERRORS
 from rig.sessions.records import IF_REACTING, IN_CSV, Lift, LiftOutcome, lift_columns
+from rig.sessions.table_files import unit_of
 from rig.tactile.slip.compiling import COMPILING_S
 from support.documentation import PAGES, ROOT, parse, without_code
 
@@ -131,6 +133,13 @@ def test_columns_of_the_table_of_lifts_are_named() -> None:
     columns = {column.name for column in lift_columns() if column.tables in (IN_CSV, IF_REACTING)}
     errors = {name for name in columns if name.startswith("re_") and not name.startswith("re_b_")}
     assert columns - errors <= set(re.findall("`([^`]+)`", after))
+
+
+def test_every_figure_that_may_have_a_limit_is_listed_with_its_unit() -> None:
+    limits = (ROOT / "docs" / "report.md").read_text().split("## Limits")[1].split("\n## ")[0]
+    rows = re.findall(r"^\| (`[^|]*) \|([^|]*)\|", limits, re.MULTILINE)
+    listed = {name: unit.strip() for names, unit in rows for name in re.findall("`([^`]+)`", names)}
+    assert listed == {name: unit_of(name) or "" for name in (*LIFT_FIGURES, *SESSION_FIGURES)}
 
 
 def test_errors_of_the_table_of_lifts_are_keys() -> None:

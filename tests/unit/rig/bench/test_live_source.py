@@ -17,7 +17,8 @@ from drivers.video.external_camera import GEL_PX, RAW_PX, ExternalCamera, GelSig
 from drivers.video.v4l2 import VideoNode
 from fakes.devices.desk import DeskDigit
 from rig.bench import live_source
-from rig.bench.live_source import live_sources, serial_of
+from rig.bench.live_source import CLIP_FRAMES, live_sources, serial_of
+from rig.frames.clips import BACKGROUND, FRAMES
 
 
 @pytest.fixture
@@ -125,6 +126,17 @@ def test_video_and_folder_run_at_their_own_pace(tmp_path: Path) -> None:
     assert live_sources([str(folder)], None, 10.0)[0].rate_hz == 10.0
     with pytest.raises(InputError, match="named twice"):
         live_sources([str(folder)] * 2, None, None)
+
+
+def test_folder_of_a_clip_plays_its_frames_and_not_its_background(tmp_path: Path) -> None:
+    clip = tmp_path / "pen_2"
+    (clip / CLIP_FRAMES).mkdir(parents=True)
+    for name, grey in ((f"{BACKGROUND}.png", 0), (f"{FRAMES}/0.png", 200)):
+        (clip / name).write_bytes(encode_png(np.full((48, 64, 3), grey, np.uint8)))
+    assert CLIP_FRAMES == FRAMES
+    (source,) = live_sources([str(clip)], None, None)
+    frame = first_frame(source)
+    assert (frame.serial, frame.image.min()) == ("pen_2", 200)
 
 
 def test_frames_of_a_gelsight_mini_are_cropped_to_the_gel(tmp_path: Path) -> None:

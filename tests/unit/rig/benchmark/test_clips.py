@@ -19,6 +19,7 @@ from rig.benchmark.clips.study import ClipsOptions, JudgedLabel, measure, run_cl
 from rig.benchmark.harness import Run, markers
 from rig.cli.main import app
 from rig.tactile.estimators import choose_estimator
+from rig.version import VERSION
 from support.ros_bags import TOPIC, write_bag
 
 Draw = Callable[..., NDArray[np.uint8]]
@@ -217,7 +218,7 @@ def test_folders_without_clips_are_named(tmp_path: Path) -> None:
         read_clips(tmp_path)
     (tmp_path / "clip").mkdir()
     (tmp_path / "clip" / "labels.csv").write_text(labels_text(LABELS))
-    with pytest.raises(InputError, match="0 videos and no folder 'frames'"):
+    with pytest.raises(InputError, match="is no clip, it has neither a folder 'frames' nor a video"):
         read_clips(tmp_path)
 
 
@@ -234,9 +235,11 @@ def test_command_writes_page_json_and_table_and_exits_with_4(clips: Path, tmp_pa
     assert figures["estimators"]["slip"]["all"]["labels"] == 6
     assert len(figures["estimators"]["slip"]["clips"]["video_clip"]["by_label"]) == 3
     page = (out / "index.html").read_text()
-    assert page.count("<svg") == 2
+    assert page.count("<svg") == 3, "a figure per clip, and time against error"
+    assert "<svg" in (out / "time_and_error.svg").read_text()
     assert page.count("data:image/jpeg") == 2 * len(LABELS)
     assert json.loads((out / "results.json").read_text()).keys() == figures.keys()
+    assert figures["tool_version"] == VERSION
     assert "old" not in readme.read_text()
     assert "| ellipse |" in readme.read_text()
     readme.write_text(f"{begin}\n{end}\n")

@@ -36,7 +36,9 @@ def test_template_lists_each_value_to_enter_and_is_a_real_bench_when_filled(tmp_
     for number in (n for n, line in enumerate(lines, 1) if "ENTER " in line and not line.startswith("#")):
         key, _, rest = lines[number - 1].partition(" = ")
         advice = rest.split('"')[1].removeprefix("ENTER ")
-        assert re.search(rf"line {number}: [\w.]*{key}: enter {re.escape(advice)}", str(refused.value))
+        assert re.search(
+            rf"line {number}, column 1: [\w.]*{key}: enter {re.escape(advice)}", str(refused.value)
+        )
     path.write_text(filled(path.read_text()))
     config = load_bench(str(path))
     assert not config.simulated
@@ -51,16 +53,19 @@ def test_template_contains_no_address_of_a_device(sample: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("line", "where"),
+    ("line", "column", "where"),
     [
-        ('address = "ENTER a device"', "tactile.0.address"),
-        ('options = { port = "ENTER its port" }', "tactile.0.options.port"),
-        ('options = { ports = [1, "ENTER its port"] }', "tactile.0.options.ports.1"),
+        ('address = "ENTER a device"', 1, "tactile.0.address"),
+        ('options = { port = "ENTER its port" }', 13, "tactile.0.options.port"),
+        ('options = { ports = [1, "ENTER its port"] }', 13, "tactile.0.options.ports.1"),
     ],
 )
-def test_placeholder_in_any_value_is_refused(line: str, where: str) -> None:
+def test_placeholder_in_any_value_is_refused(line: str, column: int, where: str) -> None:
     message = refusal(f'name = "desk"\n[[tactile]]\ndriver = "my.module:Gel"\nserial = "S"\n{line}\n')
-    assert f"b.toml: 1 value to enter; nothing was connected: line 5: {where}: enter " in message
+    assert (
+        f"b.toml: 1 value to enter; nothing was connected: line 5, column {column}: {where}: enter "
+        in message
+    )
 
 
 @pytest.mark.parametrize("name", ["missing.toml", "folder/missing", "./missing"])
@@ -119,7 +124,7 @@ def test_real_bench_requires_controller_settings_and_limits(key: str) -> None:
     where = "arm.limits" if key in LIMITS else "arm"
     message = refusal(kept)
     assert f"{where}.{key}: is required of a real arm" in message
-    assert f"line {line_with(kept, f'[{where}]')}: " in message
+    assert f"line {line_with(kept, f'[{where}]')}, column 1: " in message
     assert {**ON_THE_FLANGE, **LIMITS}[key] in message
 
 
@@ -145,12 +150,12 @@ def test_keep_out_boxes_grow_by_the_size_of_the_hand() -> None:
 def test_error_names_the_line_of_the_key() -> None:
     head, _, tail = REAL.rpartition("rate_hz = 60")
     second = f"{head}rate_hz = 59{tail}"
-    assert f"line {line_with(second, 'rate_hz = 59')}: tactile.1.rate_hz" in refusal(second)
+    assert f"line {line_with(second, 'rate_hz = 59')}, column 1: tactile.1.rate_hz" in refusal(second)
     of_many = REAL.replace("size_px = [640, 480]", "size_px = [\n  640,  # wide\n  -1,\n]")
-    assert f"line {line_with(of_many, 'wide') - 1}: camera.size_px.1" in refusal(of_many)
+    assert f"line {line_with(of_many, 'wide') - 1}, column 1: camera.size_px.1" in refusal(of_many)
     assert "line 3" in refusal("a = 1\n\nb = = 2\n")
     missing = REAL.replace('serial = "camera"', "# none")
-    assert f"line {line_with(missing, '[camera]')}: camera.serial" in refusal(missing)
+    assert f"line {line_with(missing, '[camera]')}, column 1: camera.serial" in refusal(missing)
 
 
 KEYS = st.from_regex(r"[a-z]{1,6}", fullmatch=True)

@@ -60,7 +60,8 @@ def test_key_without_effect_is_rejected_with_its_line(text: str, head: str, line
     number = changed.splitlines().index(line) + 1
     with pytest.raises(InputError) as refused:
         parse_bench(changed, "b.toml")
-    assert f"line {number}: {said}" in str(refused.value)
+    column = line.index(said.partition(":")[0].rpartition(".")[2]) + 1
+    assert f"line {number}, column {column}: {said}" in str(refused.value)
 
 
 def test_network_address_is_rejected_with_a_serial_line() -> None:

@@ -12,7 +12,7 @@ from PIL import Image
 from drivers.errors import InputError
 from drivers.images import encode_png, read_image
 from rig.labels.datasets import FOLDS, check_objects, find_fold, object_of, read_dataset
-from rig.labels.label_files import labelme_mask
+from rig.labels.label_files import labelme_mask, read_label
 from rig.labels.polygons import agreement, contact_label
 from rig.sessions.codec import json_value
 from rig.sessions.files import MANIFEST, write_json
@@ -109,6 +109,14 @@ def test_a_label_drawn_on_another_size_is_scaled() -> None:
     assert np.count_nonzero(mask) == 4 * 600
 
 
+def test_misspelt_key_of_a_label_file_is_named_with_its_place(tmp_path: Path) -> None:
+    (tmp_path / "a.json").write_text('{\n "shape": []\n}')
+    with pytest.raises(
+        InputError, match=r"a.json: .* no 'shapes' \(line 2, column 3 has 'shape'\): correct it"
+    ):
+        read_label(tmp_path / "a.json")
+
+
 TINY = json.dumps({"shapes": [{"points": SQUARE}], "imageHeight": 1e-300, "imageWidth": 9})
 
 
@@ -124,6 +132,10 @@ TINY = json.dumps({"shapes": [{"points": SQUARE}], "imageHeight": 1e-300, "image
         (lambda d: write_label(d / "a.json", [[0.0, 0.0], [1e15, 9.0]], "circle"), "not in its image"),
         (lambda d: write_label(d / "a.json", [[0.0, 0.0], [900.0, 9.0], [5.0, 9.0]]), "far outside"),
         (lambda d: (d / "a.json").write_text('{"shapes": [7]}'), "points cannot be read"),
+        (
+            lambda d: (d / "a.json").write_text('{"shapes": [\n {"point": []}]}'),
+            r"a.json, shape 1: no 'points' \(line 2, column 4 has 'point'\)",
+        ),
         (lambda d: (d / "a.json").write_text('{"shapes": [], "x": ' + "[" * 9000), "nested too deeply"),
         (lambda d: (d / "a.json").write_text(TINY), "far outside"),
         (lambda d: (d / "a.png").unlink(), "not beside it"),

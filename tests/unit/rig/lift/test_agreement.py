@@ -14,13 +14,13 @@ from protocols.observer import LiftEvents, Phase
 from rig.experiments.lift_plan import new_measurement, stored_trial
 from rig.lift.measurement import LiftMeasurement
 from rig.lift.recording import FrameDelays
-from rig.lift.result import MOST_LAG_S, clock_lag, lift_result, turns_against
+from rig.lift.result import clock_lag, lift_result, turns_against
 from rig.report.advice import trial_notices
 from rig.report.session import read_trial
 from rig.results.notes import lift_note
 from rig.results.table import lifts_csv
 from rig.sessions.reading import show_again
-from rig.sessions.records import Lift
+from rig.sessions.records import MOST_LAG_S, Lift
 from rig.sessions.rows import read_finished_lifts
 from rig.sessions.session import read_manifest
 from rig.tactile.angles import Angles
@@ -93,7 +93,10 @@ def test_lag_beyond_the_limit_is_measured(late_s: float, factor: float) -> None:
 def test_small_lag_is_not_a_warning(seed: int) -> None:
     for late_s in (0.0, 0.03, -0.03):
         assert abs(late_s) < MOST_LAG_S
-        assert clock_lag(answers(seed=seed), truth(late_s)) is None
+        found = clock_lag(answers(seed=seed), truth(late_s))
+        assert found is not None
+        assert found.lag_s == pytest.approx(-late_s, abs=0.01)
+        assert not found.large
 
 
 class Changed(LiftEvents):
@@ -137,8 +140,19 @@ def notices_of(session: Path, row: Lift, warning: str) -> list[str]:
     return [notice.what for notice in found]
 
 
-def test_normal_lift_has_no_warning(one_lift: Path) -> None:
-    assert measured(one_lift).warnings == ()
+def test_normal_lift_has_a_small_lag_and_no_warning(one_lift: Path) -> None:
+    row = measured(one_lift)
+    assert row.lag is not None
+    assert row.warnings == ()
+    assert lifts_csv([row]).decode().endswith(f",{row.lag.lag_s}\n")
+
+
+def test_sigma_of_a_lift_is_that_of_its_estimate_during_phase_b(one_lift: Path) -> None:
+    row = measured(one_lift)
+    sigmas = sorted(row.estimate.sigma_deg[row.within("B") & np.isfinite(row.estimate.sigma_deg)])
+    assert row.sigma_b_p95_deg is not None
+    assert sigmas[int(0.9 * len(sigmas))] <= row.sigma_b_p95_deg <= sigmas[-1]
+    assert f",{row.sigma_b_p95_deg}," in lifts_csv([row]).decode()
 
 
 def test_lift_with_exchanged_fingertips_is_named_in_row_note_table_and_page(one_lift: Path) -> None:
@@ -156,6 +170,7 @@ def test_lift_with_late_frames_is_named_in_row_note_table_and_page(
 ) -> None:
     row = measured(one_lift, lambda f: f.time_ns + (to_ns(late_s) if ("C0001" in f.serial) == camera else 0))
     assert row.lag is not None
+    assert row.lag.large
     assert row.lag.lag_s == pytest.approx(-late_s if camera else late_s, abs=0.03)
     found = notices_of(one_lift, row, "the markers (clocks of camera and fingertips)")
     assert any("do not turn at the same time" in what for what in found)

@@ -137,6 +137,16 @@ def test_lift_with_the_largest_difference_is_shown_first(drawn_trial: Any, tmp_p
     assert apart[0] > 1.0 > apart[1]
 
 
+def test_true_turns_in_opposite_directions_do_not_cancel(drawn_trial: Any, tmp_path: Path) -> None:
+    lifts = session_side(drawn_trial(tmp_path / "trial", (12.0, -20.0))).lifts
+    (turn,) = (
+        of
+        for of in compare_lifts(NAMES, lifts, lifts).overall
+        if of.figure.unit == "°" and not of.figure.of_turn
+    )
+    assert turn.first == pytest.approx(16.0, abs=0.5)
+
+
 def test_lift_without_a_readable_recording_has_no_curves(drawn_trial: Any, tmp_path: Path) -> None:
     folder = drawn_trial(tmp_path / "trial", (12.0, -20.0))
     next((folder / "lifts").glob("*.mcap")).write_bytes(b"damaged")
@@ -145,7 +155,7 @@ def test_lift_without_a_readable_recording_has_no_curves(drawn_trial: Any, tmp_p
 
 def test_lifts_with_different_reactions_are_not_compared_by_their_error() -> None:
     found = compare_lifts(NAMES, rising(1.0, 6), rising(0.2, 6, react=ReactionKind.TIGHTEN))
-    assert {p.figure.name for p in found.overall} == {"frames with an angle", "true turn"}
+    assert {p.figure.name for p in found.overall} == {"frames with an angle", "true turn, either way"}
     assert found.objects == {}
     assert verdict(found).startswith("No verdict: the sides react to slip differently.")
     assert [own.text.partition(" ±")[0] for own in found.apart] == [

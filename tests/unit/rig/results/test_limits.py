@@ -12,7 +12,7 @@ from drivers.errors import InputError
 from rig.config import load_bench
 from rig.config.models import LimitConfig
 from rig.results.limits import checked_limits, json_lines, judged, junit_xml, limit_rows, read_limits
-from rig.sessions.records import ErrorSummary, Lift
+from rig.sessions.records import ClockLag, ErrorSummary, Lift, LiftTiming, StageTimes
 from support.command_line import rig
 from support.quick_lifts import quick_lifts
 
@@ -45,6 +45,19 @@ def test_each_accepted_lift_is_compared_and_one_without_the_figure_misses(rows: 
     assert len(verdicts([*rows, failed], figure="re_mean_deg", upper=1.0)) == 3
 
 
+def test_sigma_delay_and_time_per_frame_have_limits(rows: list[Lift]) -> None:
+    lift = replace(rows[0], sigma_b_p95_deg=0.8, lag=ClockLag(-0.02, 0.001))
+    timing = LiftTiming(number=1, attempt=0, wall_s=3.0, stages={"total": StageTimes(2.0, 3.0, 4.0)})
+    limits = (
+        LimitConfig(figure="sigma_b_p95_deg", upper=0.5, unit="deg"),
+        LimitConfig(figure="lag_s", lower=-0.05, upper=0.05, unit="s"),
+        LimitConfig(figure="frame_p99_ms", upper=3.0, unit="ms"),
+    )
+    found = judged(checked_limits(limits, OBJECTS), [lift], [timing])
+    assert [(one.value, one.met) for one in found] == [(0.8, False), (-0.02, True), (4.0, False)]
+    assert not any(one.met for one in judged(limits, [rows[0]])), "a figure without a value misses"
+
+
 def test_limit_of_one_object_is_for_its_lifts_only(rows: list[Lift]) -> None:
     assert [of for of, *_ in verdicts(rows, figure="answered", lower=0.9, object="wrench")] == [
         "wrench, lift 1",
@@ -64,7 +77,11 @@ def test_session_figures_have_one_verdict(rows: list[Lift]) -> None:
         ({"figure": "re_mean_degg", "upper": 1.0}, "did you mean 're_mean_deg'"),
         (
             {"figure": "re_mean_deg", "upper": 1.0, "unit": "rad"},
-            "re_mean_deg is in 'deg', and the limit in 'rad'",
+            "re_mean_deg is in 'deg', and the limit is in 'rad'",
+        ),
+        (
+            {"figure": "answered", "lower": 1.0, "unit": "deg"},
+            "answered has no unit, and the limit is in 'deg'",
         ),
         ({"figure": "re_mean_deg", "upper": 1.0, "object": "mustard"}, "object mustard is not lifted"),
     ],
@@ -78,10 +95,16 @@ def test_limit_that_cannot_apply_is_refused(limit: dict[str, object], words: str
     ("text", "words"),
     [
         ("", "limits: Field required"),
-        ('[[limit]]\nfigure = "answered"\nlower = 1\n', "line 1: limit: unknown key .did you mean 'limits'"),
+        (
+            '[[limit]]\nfigure = "answered"\nlower = 1\n',
+            "line 1, column 3: limit: unknown key .did you mean 'limits'",
+        ),
         ('[[limits]]\nfigure = "answered"\n', "needs lower, upper or both"),
         ('[[limits]]\nfigure = "answered"\nlower = 2\nupper = 1\n', "lower is above upper"),
-        ('[[limits]]\nfigure = "answered"\nlowest = 2\n', "line 3: limits.0.lowest: .*did you mean 'lower'"),
+        (
+            '[[limits]]\nfigure = "answered"\nlowest = 2\n',
+            "line 3, column 1: limits.0.lowest: .*did you mean 'lower'",
+        ),
         ('[[limits]]\nfigure = "answered"\nlower = "much"\n', "number"),
     ],
 )

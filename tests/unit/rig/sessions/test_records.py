@@ -68,6 +68,10 @@ def test_optional_keys_are_absent_at_their_default(lift_row: MakeRow) -> None:
         (lambda row: row.pop("re_held"), "'re_held' is missing"),
         (lambda row: row["re"].pop("std_deg"), "'re.std_deg' is missing"),
         (lambda row: row.update(reason="?"), "'reason' is a key that this version does not know"),
+        (
+            lambda row: row.update(bench_ss=row.pop("bench_s")),
+            "'bench_ss' is a key that this version does not know (did you mean 'bench_s'?), column ",
+        ),
         (lambda row: row["re"].update(p99_deg=1.0), "'re.p99_deg' is a key that"),
         (lambda row: row.update(number="3"), "'number' Input should be a valid integer, found '3'"),
         (lambda row: row.update(simulated=1), "'simulated' Input should be a valid boolean, found 1"),
@@ -110,6 +114,10 @@ def test_invalid_line_is_named(tmp_path: Path) -> None:
     [
         (lambda m: m.pop("seed"), "'seed' is missing"),
         (lambda m: m.update(colour="red"), "'colour' is a key that this version does not know"),
+        (
+            lambda m: m["config"]["arm"].update(driverr=m["config"]["arm"].pop("driver")),
+            "'config.arm.driverr' is a key that this version does not know (did you mean 'driver'?), column ",
+        ),
         (lambda m: m["config"]["arm"].pop("driver"), "'config.arm.driver' is missing"),
         (lambda m: m.update(signs={"T1": "left"}), "'signs.T1' Input should be 1 or -1"),
         (lambda m: m.update(kind="dream"), "a 'dream' session; this version reads trial, record, replay"),

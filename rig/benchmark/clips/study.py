@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator, ScalarFormatter
+from matplotlib.ticker import LogLocator, MaxNLocator, ScalarFormatter
 
 from drivers.errors import InputError, counted, unknown_name
 from rig.benchmark.clips.labelled import (
@@ -33,7 +33,7 @@ from rig.declared import argument, option
 from rig.frames.estimates import FRAME_MS, Estimate, contact_ms, estimate_series, frame_ms, zeroed
 from rig.pages.figure import band, column_files, drawing, legend_above, limits, svg
 from rig.pages.page import render
-from rig.pages.palette import ESTIMATE, SERIES, TRUTH
+from rig.pages.palette import ESTIMATE, FIRST, SERIES, TRUTH
 from rig.report.strips import Still, still
 from rig.results.scores import WRONG_DEG, WRONG_SIGMAS, is_confidently_wrong
 from rig.results.shares import Share, share_of
@@ -498,20 +498,23 @@ def time_and_error(estimators: Sequence[EstimatorRuns]) -> tuple[str, str]:
 
     Return the figure for a page, and as a file of its own.
     """
+    timed = [(of.groups[ALL].frame_ms, of.groups[ALL].mean_deg, of.name) for of in estimators]
+    shown = sorted((ms, error_deg, name) for ms, error_deg, name in timed if ms is not None)
     with drawing(CHART_PX[1], CHART_PX[0]) as figure:
         axes = figure.add_subplot()
-        for number, of in enumerate(estimators):
-            found = of.groups[ALL]
-            if found.frame_ms is None:
-                continue
-            colour, error_deg = (SERIES if number else (ESTIMATE,))[0].light, found.mean_deg
-            axes.plot(found.frame_ms, [error_deg] * len(found.frame_ms), color=colour)
-            axes.plot(found.frame_ms[0], error_deg, "o", color=colour, markersize=5)
-            axes.annotate(of.name, (found.frame_ms[0], error_deg), (0, 5), textcoords="offset points")
+        for number, (ms, error_deg, name) in enumerate(shown):
+            colour = (ESTIMATE if name == estimators[0].name else FIRST).light
+            axes.plot([ms[0], ms[-1]], [error_deg, error_deg], color=colour)
+            axes.plot(ms[0], error_deg, "o", color=colour, markersize=5)
+            offset = (0, -14) if number % 2 else (0, 6)  # names of neighbours above and below
+            axes.annotate(name, (ms[0], error_deg), offset, textcoords="offset points")
         axes.set_xscale("log")
         axes.set(xlabel="time per frame with contact, ms: median to 99 %", ylabel="mean error, degrees")
+        axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
         axes.xaxis.set_major_formatter(ScalarFormatter())
-        axes.set_ylim(0.0)
+        axes.minorticks_off()
+        axes.margins(0.08, 0.15)
+        axes.set_ylim(bottom=0.0)
         text = "mean error of each estimator over its time per frame"
         return svg(figure, text), column_files(figure)["svg"].decode()
 

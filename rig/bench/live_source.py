@@ -6,9 +6,9 @@ from pathlib import Path
 
 import cv2
 
-from drivers.clock import Clock, SystemClock
+from drivers.clock import NS_PER_S, Clock, SystemClock
 from drivers.errors import DeviceError, InputError
-from drivers.formats import without_passwords
+from drivers.formats import read_csv_rows, time_ns_in, without_passwords
 from drivers.interfaces import FrameSource
 from drivers.video.digit import Digit
 from drivers.video.external_camera import ExternalCamera, GelSightMini
@@ -20,8 +20,8 @@ SENSORS = ("digit", "gelsight-mini", "plain")
 FAKE = "fake"
 FILE_RATE_HZ = 60.0
 """Of a folder of images, as `rig estimate` assumes."""
-CLIP_FRAMES = "frames"
-"""Folder of the images of a clip, as in `rig.frames.clips`."""
+CLIP_FRAMES, CLIP_TIMES = "frames", "timestamps.csv"
+"""Folder of the images of a clip, and table of their times, as in `rig.frames.clips`."""
 PLAIN_RATE_HZ = 30.0
 """Asked of a camera that no driver of ours knows: most USB cameras have it."""
 
@@ -32,8 +32,9 @@ def live_sources(
     """Return the source of each text; they are not connected yet.
 
     sensor: what the frames are of; None: a DIGIT for a serial or a device, frames as they come otherwise.
-    rate_hz: asked of devices, pace of files; None: the sensor's own, a video's own, 60 for images. Raises
-    `InputError` for what can never be opened, `DeviceError` for a device that is not there.
+    rate_hz: asked of devices, pace of files; None: the sensor's own, that of a video, the mean one of a clip
+    with times, 60 for images. Raises `InputError` for what can never be opened, `DeviceError` for a device
+    that is not there, `FormatError` for a damaged table of times.
     """
     clock = clock or SystemClock()
     shown = Demonstration()
@@ -122,9 +123,15 @@ def _check_device(node: Path) -> None:
 
 
 def _own_rate(path: Path) -> float:
-    """Return a video's own frame rate in Hz, that of a folder of images else."""
+    """Return the frame rate of a video, or the mean one of a clip with times, in Hz; else `FILE_RATE_HZ`."""
     if path.is_dir():
-        return FILE_RATE_HZ
+        times = path.parent / CLIP_TIMES
+        if path.name != CLIP_FRAMES or not times.is_file():
+            return FILE_RATE_HZ
+        rows = read_csv_rows(times, ("t_s",))
+        times_ns = [time_ns_in(row, "t_s", f"{times}: line {line}") for line, row in rows]
+        span_ns = times_ns[-1] - times_ns[0] if times_ns else 0
+        return (len(times_ns) - 1) * NS_PER_S / span_ns if span_ns > 0 else FILE_RATE_HZ
     capture = cv2.VideoCapture(str(path))
     try:
         rate_hz = float(capture.get(cv2.CAP_PROP_FPS))

@@ -53,7 +53,10 @@ class DeskOptions:
         "(frames are used unchanged). Default: digit for a serial or a device, else plain.",
     )
     fps: float | None = option(
-        None, "Frame rate in Hz. Default: that of the sensor or video; 60 for images.", min=0.1, max=1000.0
+        None,
+        "Frame rate in Hz. Default: that of the sensor, video or clip; 60 for images without times.",
+        min=0.1,
+        max=1000.0,
     )
     same_side: bool = option(
         False, "Both sensors touch the object on the same side. Default: on opposite sides, as fingers do."
@@ -61,7 +64,8 @@ class DeskOptions:
     estimator: str | None = option(None, "Estimator, as in rig estimate. Default: slip.")
     background: Path | None = option(
         None,
-        "Frame without contact. Default: the mean of the first 15 frames; nothing may touch the gel then.",
+        "Frame without contact. Default: that of a clip, else the mean of the first 15 frames; nothing may "
+        "touch the gel then.",
     )
     pixel_aspect: float | None = option(
         None,
@@ -248,6 +252,7 @@ def desk_of(
     """
     from drivers.images import read_image
     from rig.bench.live_source import SENSORS, live_sources, serial_of
+    from rig.frames.clips import clip_background
     from rig.frames.estimates import require_frames_suffice
     from rig.live.desk import Desk, DeskSettings
     from rig.live.feed import Sender
@@ -263,10 +268,13 @@ def desk_of(
         raise InputError("--gel is for one sensor: leave it out, or give one source")
     choice = choose_estimator(options.estimator, gel=options.gel)
     require_frames_suffice(choice)
+    background = options.background
+    if background is None and len(texts) == 1 and Path(texts[0]).is_dir():
+        background = clip_background(Path(texts[0]))
     settings = DeskSettings(
         choice,
         signs=(1, 1) if options.same_side else (1, -1),
-        background=None if options.background is None else read_image(options.background),
+        background=None if background is None else read_image(background),
         aspect=options.pixel_aspect,
         clips=clips,
         serials=tuple(map(serial_of, texts)),

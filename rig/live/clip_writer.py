@@ -23,6 +23,7 @@ from drivers.images import encode_png
 from drivers.types import Frame, Image
 from rig.frames.clips import ABOUT, BACKGROUND, FRAMES, TIMES
 from rig.sessions.files import write_json
+from rig.version import VERSION
 
 MARKS = "marks.csv"
 """Marks of the user in a clip: time since its first frame in s, and text."""
@@ -66,7 +67,7 @@ class ClipWriter:
         try:
             (folder / FRAMES).mkdir(parents=True)
             (folder / f"{BACKGROUND}.png").write_bytes(encode_png(background))
-            write_json(folder / ABOUT, dict(about))
+            write_json(folder / ABOUT, {**about, "tool_version": VERSION})
             self._times = (folder / TIMES).open("wb", buffering=0)
             _append(self._times, "frame,t_s")
         except OSError as error:

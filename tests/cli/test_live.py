@@ -184,14 +184,16 @@ def test_clip_of_a_live_view_that_is_killed_is_complete(
     assert times_s[-1] > times_s[0] == 0.0
 
 
-def test_background_may_be_given(clip: Path, tmp_path: Path) -> None:
+def test_background_may_be_given_or_is_that_of_the_clip(clip: Path, tmp_path: Path) -> None:
     empty: Image = next(iter(desk_frames(2.1))).image
     (tmp_path / "empty.png").write_bytes(encode_png(empty))
-    done = rig(
-        "live", clip, "--fps", "30", "--json", "--background", tmp_path / "empty.png", "--seconds", "1"
-    )
-    assert done.returncode == 0, done.stderr
-    assert json.loads(done.stdout.splitlines()[0])["state"] == "no_contact"
+    (tmp_path / "pen_2").mkdir()
+    (tmp_path / "pen_2" / "frames").symlink_to(clip)
+    (tmp_path / "pen_2" / "background.png").write_bytes(encode_png(empty))
+    for words in ((clip, "--background", tmp_path / "empty.png"), (tmp_path / "pen_2",)):
+        done = rig("live", *words, "--fps", "30", "--json", "--seconds", "1")
+        assert done.returncode == 0, done.stderr
+        assert json.loads(done.stdout.splitlines()[0])["state"] == "no_contact"
 
 
 def test_bridge_publishes_until_the_file_ends(clip: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from drivers.clock import NS_PER_S, SystemClock
-from drivers.errors import DeviceError, InputError, RigError
+from drivers.errors import DeviceError, FormatError, InputError, RigError
 from drivers.images import encode_jpeg, encode_png
 from drivers.interfaces import FrameSource
 from drivers.types import Frame
@@ -17,8 +17,8 @@ from drivers.video.external_camera import GEL_PX, RAW_PX, ExternalCamera, GelSig
 from drivers.video.v4l2 import VideoNode
 from fakes.devices.desk import DeskDigit
 from rig.bench import live_source
-from rig.bench.live_source import CLIP_FRAMES, live_sources, serial_of
-from rig.frames.clips import BACKGROUND, FRAMES
+from rig.bench.live_source import CLIP_FRAMES, CLIP_TIMES, live_sources, serial_of
+from rig.frames.clips import BACKGROUND, FRAMES, TIMES
 
 
 @pytest.fixture
@@ -137,6 +137,22 @@ def test_folder_of_a_clip_plays_its_frames_and_not_its_background(tmp_path: Path
     (source,) = live_sources([str(clip)], None, None)
     frame = first_frame(source)
     assert (frame.serial, frame.image.min()) == ("pen_2", 200)
+
+
+def test_clip_runs_at_the_mean_rate_of_its_times(tmp_path: Path) -> None:
+    (tmp_path / FRAMES).mkdir()
+    (tmp_path / FRAMES / "0.png").write_bytes(encode_png(np.zeros((48, 64, 3), np.uint8)))
+    assert CLIP_TIMES == TIMES
+    for text, rate_hz in (
+        ("frame,t_s\n0.png,3.0\n1.png,3.04\n2.png,3.08\n", 25.0),
+        ("frame,t_s\n", 60.0),
+        ("frame,t_s\n0.png,3.0\n1.png,3.0\n", 60.0),
+    ):
+        (tmp_path / TIMES).write_text(text)
+        assert live_sources([str(tmp_path)], None, None)[0].rate_hz == pytest.approx(rate_hz)
+    (tmp_path / TIMES).write_text("frame,t_s\n0.png,now\n")
+    with pytest.raises(FormatError, match=r"line 2.*t_s"):
+        live_sources([str(tmp_path)], None, None)
 
 
 def test_frames_of_a_gelsight_mini_are_cropped_to_the_gel(tmp_path: Path) -> None:

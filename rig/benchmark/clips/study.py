@@ -496,10 +496,12 @@ def page(title: str, estimators: Sequence[EstimatorRuns], verdict: str, tables: 
 def time_and_error(estimators: Sequence[EstimatorRuns]) -> tuple[str, str]:
     """Draw the mean error of each estimator over its time per frame with contact.
 
-    Return the figure for a page, and as a file of its own.
+    Estimators without an angle at any label are left out. Return the figure for a page, and as a file of its
+    own.
     """
-    timed = [(of.groups[ALL].frame_ms, of.groups[ALL].mean_deg, of.name) for of in estimators]
-    shown = sorted((ms, error_deg, name) for ms, error_deg, name in timed if ms is not None)
+    scores = [(of.groups[ALL], of.name) for of in estimators]
+    answered = [(of, name) for of, name in scores if of.answered is not None and of.answered.count]
+    shown = sorted((of.frame_ms, of.mean_deg, name) for of, name in answered if of.frame_ms is not None)
     with drawing(CHART_PX[1], CHART_PX[0]) as figure:
         axes = figure.add_subplot()
         for number, (ms, error_deg, name) in enumerate(shown):

@@ -508,7 +508,9 @@ def time_and_error(estimators: Sequence[EstimatorRuns]) -> tuple[str, str]:
             colour = (ESTIMATE if name == estimators[0].name else FIRST).light
             axes.plot([ms[0], ms[-1]], [error_deg, error_deg], color=colour)
             axes.plot(ms[0], error_deg, "o", color=colour, markersize=5)
-            offset = (0, -14) if number % 2 else (0, 6)  # names of neighbours above and below
+            # names of neighbours above and below, but not on the axis
+            below = number % 2 and error_deg > 0.2 * max(worst for _, worst, _ in shown)
+            offset = (0, -14 if below else 6)
             axes.annotate(name, (ms[0], error_deg), offset, textcoords="offset points")
         axes.set_xscale("log")
         axes.set(xlabel="time per frame with contact, ms: median to 99 %", ylabel="mean error, degrees")

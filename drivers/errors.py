@@ -11,6 +11,8 @@ from difflib import get_close_matches
 
 _MEASURED = re.compile(r"\d+(?:\.\d+)? (?=(?:s|ms|m|mm|deg|N|kg)\b)")
 """A measured value in a message, before its unit."""
+_LOGIN = re.compile(r"(://[^/@\s:]*):[^/\s]*@")
+_SECRET = re.compile(r"([?&][^=&\s]*(?:pass|pwd|token|secret|auth|key)[^=&\s]*=)[^&\s'\"]+", re.IGNORECASE)
 
 
 class RigError(Exception):
@@ -135,3 +137,8 @@ def unknown_name(
     names = list(known)
     listed = listed or ", ".join(names)
     return InputError(f"unknown {what} '{name}'{nearest(name, names)}: choose one of {listed}{also}")
+
+
+def without_passwords(text: str) -> str:
+    """Replace the passwords of web addresses in a text by ***."""
+    return _SECRET.sub(r"\1***", _LOGIN.sub(r"\1:***@", text))

@@ -22,7 +22,7 @@ from typing import Any, TypeVar
 
 import yaml
 
-from drivers.errors import FormatError
+from drivers.errors import FormatError, without_passwords
 from drivers.formats.picture import (
     MOST_PIXELS,
     holds_floats,
@@ -35,14 +35,6 @@ from drivers.formats.unpacking import MOST_NETWORK, check_onnx, check_pieces, ch
 
 _LONGEST_REASON, _LONGEST_VALUE = 160, 60
 """Most characters of a reason and of a value in an error message."""
-
-_LOGIN = re.compile(r"(://[^/@\s:]*):[^/\s]*@")
-_SECRET = re.compile(r"([?&][^=&\s]*(?:pass|pwd|token|secret|auth|key)[^=&\s]*=)[^&\s'\"]+", re.IGNORECASE)
-
-
-def without_passwords(text: str) -> str:
-    """Replace the passwords of web addresses in a text by ***."""
-    return _SECRET.sub(r"\1***", _LOGIN.sub(r"\1:***@", text))
 
 
 def read_beginning(path: Path, most_bytes: int) -> bytes:

@@ -26,8 +26,8 @@ from typing import Any
 from urllib.parse import SplitResult, unquote, urljoin, urlsplit
 
 from drivers.clock import NS_PER_S, Clock, host_s, to_ns
-from drivers.errors import DamagedFrameError, DeviceError, FormatError, InputError
-from drivers.formats import parse_json, without_passwords
+from drivers.errors import DamagedFrameError, DeviceError, FormatError, InputError, without_passwords
+from drivers.formats import parse_json
 from drivers.video.stream import FrameStream, RawFrame, read_header
 
 MAX_HEADER = 16_384

@@ -21,8 +21,8 @@ from drivers.errors import (
     NotConnectedError,
     RigError,
     StaleFrameError,
+    without_passwords,
 )
-from drivers.formats import without_passwords
 from drivers.interfaces import FrameSource
 from drivers.tally import PictureNews
 from drivers.types import Frame, Image

@@ -7,8 +7,8 @@ from pathlib import Path
 import cv2
 
 from drivers.clock import NS_PER_S, Clock, SystemClock
-from drivers.errors import DeviceError, InputError
-from drivers.formats import read_csv_rows, time_ns_in, without_passwords
+from drivers.errors import DeviceError, InputError, without_passwords
+from drivers.formats import read_csv_rows, time_ns_in
 from drivers.interfaces import FrameSource
 from drivers.video.digit import Digit
 from drivers.video.external_camera import ExternalCamera, GelSightMini

@@ -138,11 +138,11 @@ def live(options: LiveOptions) -> None:
     if options.watch_at is not None and (options.terminal or options.json):
         raise InputError("--watch-at is the address of the page: leave it out, or --terminal and --json")
     at = watch_address(options.watch_at)
+    history, name = None, ""
     if options.page:
         history, name, faults = _stored(options)
-    else:
-        history, name = None, f"{mark(is_simulated(options.sources))}rig live {' '.join(options.sources)}"
     with stopped_by_person() as stopped, ExitStack() as stack:
+        name = name or f"{mark(is_simulated(options.sources))}rig live {' '.join(options.sources)}"
         if not options.terminal and not options.json:  # its process starts up while this one imports the rest
             page = WatchPage(
                 at, name, estimators=() if options.page else offered(options.estimator), history=history

@@ -10,7 +10,7 @@ from typing import Annotated, Any
 
 import typer
 
-from drivers.errors import InputError, OperatorStopError, RigError
+from drivers.errors import InputError, OperatorStopError, RigError, without_passwords
 from rig.cli.common import STOPS, Exit, begin_answer, emit_error, say, stop_on_signals
 from rig.cli.helping import Commands, Group, as_command
 from rig.terminal.screen import Output, begin_phase, guarded_output, plain
@@ -186,8 +186,6 @@ def _run(printed: Output) -> None:
 
 def _end(message: str, kind: str, code: Exit) -> None:
     """Print the error as one line without control characters or passwords, and exit."""
-    from drivers.formats import without_passwords
-
     _ignore_stops()
     with suppress(OSError, ValueError):
         text = " ".join(plain(without_passwords(message)).splitlines())

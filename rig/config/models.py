@@ -9,7 +9,7 @@ from pydantic import Field, model_validator
 
 from calibration.camera.model import CameraModel
 from calibration.gel.look import GelLook
-from drivers.formats import without_passwords
+from drivers.errors import without_passwords
 from drivers.named_classes import is_class_name
 from drivers.types import ArmLimits, Box, GripperSpec, Pose
 from protocols.grasps import GraspFile

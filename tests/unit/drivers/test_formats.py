@@ -15,7 +15,7 @@ import pytest
 from hypothesis import assume, example, given
 from hypothesis import strategies as st
 
-from drivers.errors import FormatError
+from drivers.errors import FormatError, without_passwords
 from drivers.formats import (
     MAX_TIME_S,
     number_in,
@@ -32,7 +32,6 @@ from drivers.formats import (
     read_yaml,
     reason,
     shown,
-    without_passwords,
 )
 from drivers.images import decode_image, image_flaw, load_image
 

@@ -302,7 +302,7 @@ def test_poses_rotate_by_mouse_and_keys_and_name_the_pose_under_the_pointer(
     views.append(browser.value(drawn))
     assert len(set(views)) == 3
     browser.value(f"{canvas}.dispatchEvent(new MouseEvent('dblclick'))")
-    assert browser.value(drawn) == views[0]
+    until(lambda: browser.value(drawn) == views[0], 30.0)
     text = "document.querySelector('.poses .small').textContent"
     assert browser.value(text).startswith("Grid: 0.2 m.")
     everywhere = "[...Array(80).keys()].flatMap(i => [...Array(60).keys()].map(j => [i / 80, j / 60]))"

@@ -68,7 +68,7 @@ class SensorOnPage:
         """
         values = self.reading = message.values
         self.picture = message.picture
-        time_s, number = values["t_s"], None
+        time_s, number = round(values["t_s"], TIME_DIGITS), None
         if self.points and time_s < self.points[-1][0]:  # the clock was set back: a new history
             self.points.clear()
             self._forget(float("inf"))
@@ -81,9 +81,7 @@ class SensorOnPage:
         angle, sigma, rate = (_short(values[key]) for key in ("angle_deg", "sigma_deg", "rate_deg_s"))
         marks = values["zero_s"], values["dropped"]
         state = sys.intern(values["state"])
-        self.points.append(
-            (round(time_s, TIME_DIGITS), angle, sigma, *marks, rate, state, values["slip"], number)
-        )
+        self.points.append((time_s, angle, sigma, *marks, rate, state, values["slip"], number))
         self.added += 1
         while self.points[0][0] < time_s - HISTORY_S:
             self.points.popleft()

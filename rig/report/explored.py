@@ -159,12 +159,15 @@ def lift_film(path: Path, lift: Lift, manifest: TrialManifest, most_bytes: int) 
         shown = (picture_at(times[number])[0] for picture_at in sources)
         return np.concatenate([_at_height(picture, FILM_HEIGHT_PX) for picture in shown], axis=1)
 
+    @cache
+    def row_bytes(quality: int) -> float:
+        sample = range(0, len(times), _SAMPLED_EVERY)
+        return len(_webp(map(row, sample), quality)) / len(sample)
+
     sheet, every = b"", 1
-    sample = range(0, len(times), _SAMPLED_EVERY)
     for every, quality in _STEPS:
         rows = range(0, len(times), every)
-        fits = len(_webp(map(row, sample), quality)) * len(rows) <= most_bytes * len(sample)
-        if fits or (every, quality) == _STEPS[-1]:
+        if row_bytes(quality) * len(rows) <= most_bytes or (every, quality) == _STEPS[-1]:
             sheet = _webp(map(row, rows), quality)
             if len(sheet) <= most_bytes:
                 break

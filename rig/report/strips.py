@@ -88,7 +88,9 @@ def pictures(
     if not messages or (sign is not None and not untouched):
         raise SessionError(f"{path}: holds no frames of {serial} before and after the grasp")
 
-    begun_ns, shrink = np.array([time_ns - lift.zero_ns for time_ns, _ in messages]), 1
+    begun_ns = np.array([time_ns - lift.zero_ns for time_ns, _ in messages])
+    height = 0 if least_px is None else decode_stored(recorded_jpeg(messages[0][1], path)).shape[0]
+    shrink = 2 if least_px is not None and height >= 2 * least_px else 1
 
     def decoded(data: bytes) -> Image:
         return decode_stored(recorded_jpeg(data, path), shrink)
@@ -97,8 +99,6 @@ def pictures(
         at = int(np.abs(begun_ns - time_s * NS_PER_S).argmin())
         return begun_ns[at].item() / NS_PER_S, decoded(messages[at][1])
 
-    if least_px is not None and decoded(messages[0][1]).shape[0] >= 2 * least_px:
-        shrink = 2
     tip = None
     if sign is not None:
         finder = ContactFinder(mean_background([decoded(data) for data in untouched[-BACKGROUND_FRAMES:]]))

@@ -7,6 +7,7 @@ the session.
 import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -115,28 +116,34 @@ def checked_limits(
     objects: ids of the trial's. own: a lab's objects. file: the TOML file of the limits, for messages. Raises
     `InputError` for an unknown figure, another unit, or another object.
     """
-    text = read_text(file, MOST_TOML_BYTES) if file is not None and file.is_file() else None
     checked = []
     for number, limit in enumerate(limits):
-        where = f"limits.{number}"
-        if text is not None:
-            where = f"{file}: {place_of(text, ('limits', number, 'figure'))}: {where}"
+        where = partial(_where, file, number)
         _require_figure(limit, where)
         unit = unit_of(limit.figure)
         if limit.unit is not None and limit.unit != unit:
             own_unit = f"is in '{unit}'" if unit else "has no unit"
-            raise InputError(f"{where}: {limit.figure} {own_unit}, and the limit is in '{limit.unit}'")
+            raise InputError(f"{where()}: {limit.figure} {own_unit}, and the limit is in '{limit.unit}'")
         of = None if limit.object is None else find_grasp_file(limit.object, own).id
         if of is not None and of not in objects:
-            raise InputError(f"{where}: object {limit.object} is not lifted in this trial")
+            raise InputError(f"{where()}: object {limit.object} is not lifted in this trial")
         checked.append(limit.model_copy(update={"object": of}))
     return tuple(checked)
 
 
-def _require_figure(limit: LimitConfig, where: str) -> None:
+def _where(file: Path | None, number: int) -> str:
+    """Return the place of a limit, with file, line and column if it is in a file."""
+    name = f"limits.{number}"
+    if file is None or not file.is_file():
+        return name
+    text = read_text(file, MOST_TOML_BYTES)
+    return f"{file}: {place_of(text, ('limits', number, 'figure'))}: {name}"
+
+
+def _require_figure(limit: LimitConfig, where: Callable[[], str]) -> None:
     if limit.figure not in LIFT_FIGURES and limit.figure not in SESSION_FIGURES:
         error = unknown_name("figure", limit.figure, [*LIFT_FIGURES, *SESSION_FIGURES])
-        raise InputError(f"{where}: {error}")
+        raise InputError(f"{where()}: {error}")
 
 
 def judged(limits: Limits, rows: Sequence[Lift], timing: Sequence[LiftTiming] = ()) -> list[Judged]:
@@ -149,7 +156,7 @@ def judged(limits: Limits, rows: Sequence[Lift], timing: Sequence[LiftTiming] = 
     times = {(of.number, of.attempt): of for of in timing}
     found = []
     for limit in limits:
-        _require_figure(limit, "limits")
+        _require_figure(limit, lambda: "limits")
         own = [lift for lift in lifts if limit.object in (None, lift.object)]
         values: list[tuple[str, Any]]
         if limit.figure in LIFT_FIGURES:

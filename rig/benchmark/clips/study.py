@@ -378,6 +378,8 @@ def measure(options: ClipsOptions, run: Run) -> Report:
         f"{machine_of['cores']} cores, one thread. Errors in degrees."
     )
     table = by_version[0] if by_version else overall
+    figure, file = time_and_error(estimators)
+    name = options.public_set or options.folder.name
     section = "\n".join([head, "", table.markdown(), "", verdict(limits)]).rstrip()
     return Report(
         tables=(by_clip, overall, *by_version),
@@ -386,9 +388,9 @@ def measure(options: ClipsOptions, run: Run) -> Report:
         section=section,
         figures={"estimators": {of.name: _estimator_json(of) for of in estimators}},
         files={
-            "index.html": page(options.public_set or options.folder.name, estimators, verdict(limits), shown),
+            "index.html": page(name, estimators, verdict(limits), shown, figure),
             "table.md": section + "\n",
-            "time_and_error.svg": time_and_error(estimators)[1],
+            "time_and_error.svg": file,
         },
         notes=[readme_row(find_set(options.public_set), first)] if options.public_set else (),
         faults={of.name: faults for of in estimators if (faults := of.faults)},
@@ -475,7 +477,14 @@ def _estimator_json(of: EstimatorRuns) -> dict[str, Any]:
     }
 
 
-def page(title: str, estimators: Sequence[EstimatorRuns], verdict: str, tables: Sequence[Table]) -> str:
+def page(
+    title: str,
+    estimators: Sequence[EstimatorRuns],
+    verdict: str,
+    tables: Sequence[Table],
+    time_and_error: str,
+) -> str:
+    """Return the page of the results. time_and_error: the figure of that name."""
     names, clips = [of.name for of in estimators], []
     for runs in sorted(
         zip(*(of.runs for of in estimators), strict=True), key=lambda of: -of[0].score.mean_deg
@@ -488,8 +497,14 @@ def page(title: str, estimators: Sequence[EstimatorRuns], verdict: str, tables: 
         caption += f"0 degrees is {first.estimate.zero_note}"
         clip = {"name": first.clip.name, "group": first.clip.group, "figure": chart, "caption": caption}
         clips.append({**clip, "stills": _stills(first)})
-    shown = {"folder": title, "of": machine(), "verdict": verdict, "tables": tables, "clips": clips}
-    shown["time_and_error"] = time_and_error(estimators)[0]
+    shown = {
+        "folder": title,
+        "of": machine(),
+        "verdict": verdict,
+        "tables": tables,
+        "clips": clips,
+        "time_and_error": time_and_error,
+    }
     return render("rig.benchmark.clips", "clips.html", **shown)
 
 

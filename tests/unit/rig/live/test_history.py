@@ -53,6 +53,13 @@ def unpacked(record: bytes) -> tuple[dict[str, Any], bytes]:
     return json.loads(record[8 : 8 + head]), record[8 + head :]
 
 
+def test_frame_with_the_time_of_the_one_before_does_not_end_the_history() -> None:
+    sensor = SensorOnPage()
+    for time_s in (1.0, 1.2345678, 1.2345678):  # rounded up to microseconds
+        sensor.take(message(time_s))
+    assert [point[0] for point in sensor.points] == [1.0, 1.234568, 1.234568]
+
+
 def test_points_and_images_older_than_ten_minutes_are_removed() -> None:
     sensor = filled(HISTORY_S + 60.0)
     assert sensor.points[0][0] == pytest.approx(60.0, abs=0.15)

@@ -66,18 +66,18 @@ class SensorOnPage:
         A point has time in s, angle and sigma in degrees, time of the reference in s, number of dropped
         frames so far, rate in degrees/s, state, slip alarm, and the number of the image if it is kept.
         """
-        values = self.reading = message.values
-        self.picture = message.picture
+        values = message.values
         time_s, number = round(values["t_s"], TIME_DIGITS), None
         if self.points and time_s < self.points[-1][0]:  # the clock was set back: a new history
             self.points.clear()
             self._forget(float("inf"))
-        if self.due(time_s) and message.picture:
+        if message.picture and self.keeps_image(time_s, values["state"]):
             number = self.forgotten + len(self.pictures)
             head = json.dumps({"t_s": time_s, "outline": values["outline"]}).encode()
             record = RECORD_HEAD.pack(len(head), len(message.picture)) + head + message.picture
             self.pictures.append((time_s, record))
             self.picture_bytes += len(record)
+        self.reading, self.picture = values, message.picture
         angle, sigma, rate = (_short(values[key]) for key in ("angle_deg", "sigma_deg", "rate_deg_s"))
         marks = values["zero_s"], values["dropped"]
         state = sys.intern(values["state"])
@@ -87,10 +87,11 @@ class SensorOnPage:
             self.points.popleft()
         self._forget(time_s - HISTORY_S)
 
-    def due(self, time_s: float) -> bool:
-        """Whether the image of a frame at this time is kept."""
+    def keeps_image(self, time_s: float, state: str) -> bool:
+        """Whether the next frame's image is kept: `PICTURES_PER_S`, and where contact begins or ends."""
         last_s = self.pictures[-1][0] if self.pictures else -1.0
-        return int(time_s * PICTURES_PER_S) > int(last_s * PICTURES_PER_S)
+        changed = (state in WITH_CONTACT) != (self.reading.get("state") in WITH_CONTACT)
+        return changed or int(round(time_s, TIME_DIGITS) * PICTURES_PER_S) > int(last_s * PICTURES_PER_S)
 
     def since(self, known: int) -> tuple[dict[str, Any], int]:
         """Return the reading and the points after the first `known`, as JSON values, and the number known.
@@ -162,8 +163,8 @@ ZERO = "zero"
 
 def _events(before: dict[str, Any], now: dict[str, Any]) -> Iterator[tuple[str, float, int]]:
     """Yield text, time in s and count of the events between two readings of a sensor; the first may be {}."""
-    contact, had = now["state"] in WITH_CONTACT, before.get("state") in WITH_CONTACT
-    if contact != had:
+    contact = now["state"] in WITH_CONTACT
+    if contact != (before.get("state") in WITH_CONTACT):
         yield "contact" if contact else "contact ended", now["t_s"], 1
     if now["zero_s"] not in (None, before.get("zero_s")):
         yield ZERO, now["zero_s"], 1

@@ -50,7 +50,7 @@ def _add_series(history: History, one: EstimatedSeries, from_ns: int) -> None:
             continue
         reading = Reading(one.name, sample.time_ns, sample.state.value, sample, fps, zero_s=zero_s)
         sensor = history.sensors.get(one.name)
-        if frame.image is None or not (sensor is None or sensor.due(sample.time_s)):
+        if frame.image is None or not (sensor is None or sensor.keeps_image(sample.time_s, reading.state)):
             history.take(_message(reading))
             continue
         contour = np.empty((0, 2), np.float32)

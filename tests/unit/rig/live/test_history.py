@@ -60,6 +60,16 @@ def test_frame_with_the_time_of_the_one_before_does_not_end_the_history() -> Non
     assert [point[0] for point in sensor.points] == [1.0, 1.234568, 1.234568]
 
 
+def test_image_is_kept_where_a_contact_begins_and_ends_and_after_the_clock_was_set_back() -> None:
+    sensor = SensorOnPage()
+    for time_s, name in ((5.0, "no_contact"), (5.1, "tracking"), (5.11, "tracking"), (5.12, "no_contact")):
+        sensor.take(message(time_s, state=name))
+    assert [point[8] for point in sensor.points] == [0, 1, None, 2]
+    sensor.take(message(1.0, state="no_contact"))
+    assert [point[8] for point in sensor.points] == [3]
+    assert sensor.past(3) is not None
+
+
 def test_points_and_images_older_than_ten_minutes_are_removed() -> None:
     sensor = filled(HISTORY_S + 60.0)
     assert sensor.points[0][0] == pytest.approx(60.0, abs=0.15)
@@ -194,7 +204,7 @@ def test_stored_clip_has_the_angles_of_rig_estimate(tmp_path: Path) -> None:
     angles = [np.nan if s.angle_deg is None else s.angle_deg for s in done.estimate.samples]
     assert np.isfinite(angles).sum() > 60
     np.testing.assert_allclose(shown, angles, atol=6e-4)
-    assert len(sensor.pictures) == 25
+    assert len(sensor.pictures) == 25 + 1, "5 per second, and that of the contact's first frame"
     record, picture = unpacked(sensor.pictures[-1][1])
     assert len(record["outline"]) > 10
     assert picture.startswith(b"\xff\xd8")

@@ -7,7 +7,9 @@ operator), so an error raised anywhere reaches the user as one line.
 
 import re
 from collections.abc import Iterable
+from contextlib import suppress
 from difflib import get_close_matches
+from pathlib import Path
 
 _MEASURED = re.compile(r"\d+(?:\.\d+)? (?=(?:s|ms|m|mm|deg|N|kg)\b)")
 """A measured value in a message, before its unit."""
@@ -124,6 +126,14 @@ def nearest(name: str, known: Iterable[str]) -> str:
     by_lower_case = {each.lower(): each for each in known}
     near = get_close_matches(name.lower(), by_lower_case, n=1)
     return f" (did you mean '{by_lower_case[near[0]]}'?)" if near else ""
+
+
+def no_such(path: Path, what: str = "file or folder", cure: str = "check the path") -> str:
+    """Return the message on a missing path, with the name of the one beside it that the user may mean."""
+    near = ""
+    with suppress(OSError):
+        near = nearest(path.name, [other.name for other in path.parent.iterdir()])
+    return f"{path}: there is no such {what}{near}: {cure}"
 
 
 def unknown_name(

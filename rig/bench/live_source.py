@@ -7,7 +7,7 @@ from pathlib import Path
 import cv2
 
 from drivers.clock import NS_PER_S, Clock, SystemClock
-from drivers.errors import DeviceError, InputError, without_passwords
+from drivers.errors import DeviceError, InputError, no_such, without_passwords
 from drivers.formats import read_csv_rows, time_ns_in
 from drivers.interfaces import FrameSource
 from drivers.video.digit import Digit
@@ -22,6 +22,10 @@ FILE_RATE_HZ = 60.0
 """Of a folder of images, as `rig estimate` assumes."""
 CLIP_FRAMES, CLIP_TIMES = "frames", "timestamps.csv"
 """Folder of the images of a clip, and table of their times, as in `rig.frames.clips`."""
+_SOURCES = (
+    "a DIGIT's serial, /dev/videoN or its number, an MJPEG address (http://HOST:PORT/PATH), a video, "
+    f"a folder of images, or {FAKE}"
+)
 PLAIN_RATE_HZ = 30.0
 """Asked of a camera that no driver of ours knows: most USB cameras have it."""
 
@@ -79,10 +83,7 @@ def _source(text: str, sensor: str | None, rate_hz: float | None, clock: Clock) 
         source.wait_for_reader()
         return source
     if not is_device and ("/" in text or path.suffix):
-        raise InputError(
-            f"{text}: there is no such file or folder: give a DIGIT's serial, /dev/videoN or its number, an "
-            f"MJPEG address (http://HOST:PORT/PATH), a video, a folder of images, or {FAKE}"
-        )
+        raise InputError(no_such(path, cure=f"give {_SOURCES}"))
     if not is_device:
         _check_device(Path(_node_of(text).device))
     # without an address it is found again by its serial when it is plugged in again

@@ -10,7 +10,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from drivers.errors import FormatError, InputError, counted, nearest, unknown_name
+from drivers.errors import FormatError, InputError, counted, nearest, no_such, unknown_name
 from drivers.formats import MOST_TOML_BYTES, parse_toml, read_text, shown
 from rig.config.checks import inconsistencies, missing_keys, unused_keys
 from rig.config.fields import KeyFault, KeyPath
@@ -35,7 +35,7 @@ def load_bench(name_or_path: str) -> BenchConfig:
         path = Path(name_or_path)
     if not path.is_file():
         if path.suffix or path.name != name_or_path:
-            raise InputError(f"{path}: file not found (rig bench new FILE writes a bench file)")
+            raise InputError(no_such(path, "file", "rig bench new FILE writes a bench file"))
         known = sorted(file.stem for file in BENCHES.glob("*.toml"))
         also = ", or give the path of a bench file (rig bench new FILE writes one)"
         raise unknown_name("bench", name_or_path, known, also)

@@ -4,7 +4,7 @@ from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from drivers.errors import InputError, RecordingError, unknown_name
+from drivers.errors import InputError, RecordingError, no_such, unknown_name
 from rig.config.extras import require_extra
 from rig.export.csv_parquet import export_csv, export_parquet
 from rig.export.labels import export_coco, export_labelme
@@ -40,7 +40,7 @@ def export_session(session: Path, to: str, out: Path, every: int = 10) -> Export
     if to not in FORMATS:
         raise unknown_name("format", to, FORMATS)
     if not session.is_dir():
-        raise InputError(f"{session}: session folder not found")
+        raise InputError(no_such(session, "session folder"))
     if out.exists():
         raise InputError(f"{out} exists already: remove it, or give another --out")
     request = export_request(session, out, every)

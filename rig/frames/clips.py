@@ -29,7 +29,7 @@ import numpy as np
 from numpy.lib import format as npy
 from numpy.typing import NDArray
 
-from drivers.errors import FormatError, InputError, counted
+from drivers.errors import FormatError, InputError, counted, no_such
 from drivers.formats import MOST_PIXELS, check_zip, read_json, reason
 from drivers.images import SUFFIXES, require_same_aspect
 from drivers.types import Image
@@ -71,7 +71,7 @@ def is_raw_video(path: Path) -> bool:
 def clip_frames(folder: Path) -> Path:
     """Return a clip's folder of frames, or its only video or ROS bag. Raises `InputError`."""
     if not folder.is_dir():
-        raise InputError(f"{folder}: there is no such folder: give a clip's")
+        raise InputError(no_such(folder, "folder", "give a clip's"))
     if (folder / FRAMES).is_dir():
         return folder / FRAMES
     videos = sorted(p for p in folder.iterdir() if p.suffix.lower() in VIDEO_ENDINGS or is_ros_bag(p))
@@ -117,7 +117,7 @@ def require_clip(path: Path) -> None:
     if is_device or (not path.exists() and re.match(r"[a-z][a-z0-9]+:/", str(path))):
         raise InputError(f"{path}: a stream or a device has no end: record a clip of it and give that")
     if not path.exists():
-        raise InputError(f"{path}: there is no such file or folder: check the path")
+        raise InputError(no_such(path))
     if is_recording(path):
         raise InputError(
             f"{path}: is a recording of several sensors, not a clip of one: use rig estimate {path}, or give "

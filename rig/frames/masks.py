@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from drivers.errors import InputError, counted
+from drivers.errors import InputError, counted, no_such
 from drivers.images import SUFFIXES, images_in_order, load_image, read_image, require_single
 from drivers.types import Image
 from rig.frames.series import ENOUGH_FRAMES, FrameSeries, TimedFrame, make_background
@@ -238,7 +238,7 @@ def _group(files: list[Path], background: str | None, compare: bool) -> ImageGro
 
 def _files(path: Path) -> list[Path]:
     if not path.exists():
-        raise InputError(f"{path}: there is no such file or folder: check the path")
+        raise InputError(no_such(path))
     if path.is_file():
         return [path]
     files = images_in_order(path.iterdir())

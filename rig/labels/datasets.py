@@ -14,7 +14,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from drivers.errors import InputError, unknown_name
+from drivers.errors import InputError, no_such, unknown_name
 from drivers.formats import MOST_JSON_BYTES, read_bounded, shown
 from drivers.images import SUFFIXES, read_image, require_same_aspect
 from drivers.types import Image
@@ -95,7 +95,7 @@ def read_dataset(folder: Path) -> list[LabelledFile]:
     Raises `InputError` if there is none.
     """
     if not folder.is_dir():
-        raise InputError(f"{folder}: there is no such folder: give the one that holds the objects' folders")
+        raise InputError(no_such(folder, "folder", "give the one that holds the objects' folders"))
     sessions = sorted(path.parent for path in folder.rglob(MANIFEST))
     found = [file for session in sessions for file in _session_files(session)]
     inside_sessions = [session.resolve() for session in sessions]

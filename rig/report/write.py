@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from drivers.errors import InputError, RecordingError
+from drivers.errors import InputError, RecordingError, no_such
 from drivers.realtime import compute_in_one_thread
 from rig.pages.figure import column_files
 from rig.pages.page import render
@@ -49,7 +49,7 @@ def write_report(
     """
     for source in sources:
         if not source.exists():
-            raise InputError(f"{source}: no such session, folder or file")
+            raise InputError(no_such(source, "session, folder or file"))
     if jobs > 1:  # forks cannot use the threads of OpenCV
         compute_in_one_thread()
     if figures is not None:  # figures cannot leave the process that draws them

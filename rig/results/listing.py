@@ -8,7 +8,7 @@ from enum import StrEnum
 from pathlib import Path
 from statistics import median
 
-from drivers.errors import InputError, SessionError
+from drivers.errors import InputError, SessionError, no_such
 from drivers.images import image_flaw
 from protocols.grasps import find_grasp_file
 from protocols.reaction import ReactionKind
@@ -153,7 +153,7 @@ def find_sessions(folder: Path) -> list[Path]:
     A folder with results or recordings but without a manifest is included, as a broken session.
     """
     if not folder.is_dir():
-        raise InputError(f"{folder}: folder not found; give the folder that holds the sessions")
+        raise InputError(no_such(folder, "folder", "give the one that holds the sessions"))
     found = []
     for place, names, files in os.walk(folder):
         if MANIFEST in files or set(RESULTS.values()) & set(files) or Path(place, RECORDINGS).is_dir():

@@ -8,7 +8,7 @@ from typing import Annotated, Any, ClassVar, Literal, TypeVar
 
 from pydantic import ConfigDict, Discriminator, Field, Tag
 
-from drivers.errors import SessionError
+from drivers.errors import SessionError, no_such
 from drivers.formats import shown
 from protocols.reaction import ReactionKind
 from rig.config import BenchConfig
@@ -153,7 +153,7 @@ def is_session(folder: Path) -> bool:
 def read_manifest(folder: Path) -> AnyManifest:
     """Read and check a session's manifest. Raises `SessionError`."""
     if not folder.is_dir():
-        raise SessionError(f"{folder}: no such session folder")
+        raise SessionError(no_such(folder, "session folder"))
     path = folder / MANIFEST
     text = read_whole(path)
     try:

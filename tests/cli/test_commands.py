@@ -126,7 +126,7 @@ def test_fakes_status_describes_the_simulated_world(monkeypatch: pytest.MonkeyPa
     [
         (("trial", "--max-mare", "-1"), "UsageError", "--max-mare"),
         (("trial", "--object", "wrnch"), "InputError", "wrench"),
-        (("replay", "nowhere"), "SessionError", "no such session"),
+        (("replay", "nowhere"), "SessionError", "there is no such session"),
         (("sessions", "nowhere"), "InputError", "nowhere"),
         (("nothing",), "UsageError", "No such command"),
     ],
@@ -145,7 +145,7 @@ def test_unknown_names_are_rejected_with_the_known_ones(tmp_path: Path) -> None:
     for command, words in (
         (("record", "--object", "99"), ("spam",)),
         (("trial", "--estimator", "magic"), ("skeleton",)),
-        (("trial", "--bench", "nowhere.toml"), ("file not found", "rig bench new")),
+        (("trial", "--bench", "nowhere.toml"), ("there is no such file", "rig bench new")),
         (("trial", "--bench", "nowhere"), ("fake",)),
         (("trial", "--object", "t1", "--object", "wrench"), ("twice",)),
         (("benchmark", "faults", "--bench", "fake"), ("fakes that the benchmark starts itself",)),
@@ -161,7 +161,7 @@ def test_unusable_sessions_are_rejected(
     damaged.mkdir()
     (damaged / "session.json").write_text('{"schema_version": 1, "kind"')
     for command, said in (
-        (("replay", tmp_path / "nothing"), "no such session"),
+        (("replay", tmp_path / "nothing"), "there is no such session"),
         (("replay", damaged.parent), "session.json"),
         (("trial", "--lifts", "1", "--object", "t2", "--out", session), "--resume"),
         ((*same_trial, "--lifts", "2"), "lifts_per_object"),

@@ -122,7 +122,8 @@ def test_impossible_comparisons_missing_lifts_and_missing_sessions_are_rejected(
         (("compare", trial, tmp_path / "none"), "no session folder"),
         (("compare", "slip", "magic", "--on", trial), "unknown estimator 'magic'"),
         (("play", trial, "--lift", "9", "--out", tmp_path / "lift.webm"), "no finished lift '9'"),
-        (("report", tmp_path / "nothing"), "no such session"),
+        (("report", tmp_path / "nothing"), "there is no such session"),
+        (("report", trial.with_name(f"{trial.name}s")), f"did you mean '{trial.name}'?"),
     ):
         said(rig(*command), 2, word)
 

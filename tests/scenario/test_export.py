@@ -412,7 +412,7 @@ def test_failed_export_leaves_no_files(one_lift: Path, recording: Path, tmp_path
         export_session(recording, "rosbag2", tmp_path / "out")
     with pytest.raises(InputError, match="choose one of csv"):
         export_session(one_lift, "excel", tmp_path / "out")
-    with pytest.raises(InputError, match="session folder not found"):
+    with pytest.raises(InputError, match="there is no such session folder"):
         export_session(tmp_path / "nothing", "csv", tmp_path / "out")
     assert {path.name for path in tmp_path.iterdir()} == {"broken"}
     with pytest.raises(InputError, match="exists already"):

@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from drivers.clock import NS_PER_S
-from drivers.errors import InputError, unknown_name
+from drivers.errors import InputError, no_such, unknown_name
 from drivers.formats import number_in, read_csv_rows, shown, whole_in
 from drivers.images import read_image
 from drivers.types import Image
@@ -92,7 +92,7 @@ def read_clips(
     if is_trial(folder):
         return [public_clip(folder, folder.stem, sign)]
     if not folder.is_dir():
-        raise InputError(f"{folder}: folder not found: give one with a folder per labelled clip")
+        raise InputError(no_such(folder, "folder", "give one with a folder per labelled clip"))
     if (folder / LABELS).exists():
         return [_clip(folder, {}, topic)]
     own = folder / GROUPS

@@ -212,7 +212,7 @@ def test_clip_that_is_a_ros_bag_is_read_as_its_frames(clips: Path, tmp_path: Pat
 
 
 def test_folders_without_clips_are_named(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="folder not found"):
+    with pytest.raises(InputError, match="there is no such folder"):
         read_clips(tmp_path / "none")
     with pytest.raises(InputError, match=r"no folder in it has a labels\.csv"):
         read_clips(tmp_path)

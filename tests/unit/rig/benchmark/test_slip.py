@@ -91,7 +91,7 @@ def test_late_frames_of_streams_are_dropped(tmp_path: Path, versions: list[study
 @pytest.mark.parametrize("options", [{"clips": Path("nowhere")}, {"turns": [Path("nowhere")]}])
 def test_missing_set_is_an_error_before_the_lifts(options: dict[str, Any]) -> None:
     progress: list[str] = []
-    with pytest.raises(InputError, match="nowhere: folder not found"):
+    with pytest.raises(InputError, match="nowhere: there is no such folder"):
         study.measure(study.SlipOptions(**options), Run(jobs=1, progress=lambda *of: progress.append(of[2])))
     assert progress == []
 

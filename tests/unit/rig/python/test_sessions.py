@@ -120,7 +120,7 @@ def test_pandas_data_frame_is_returned(session: rig.Session) -> None:
 
 
 def test_missing_sessions_and_fingertips_are_rejected() -> None:
-    with pytest.raises(SessionError, match="no such session folder"):
+    with pytest.raises(SessionError, match="there is no such session folder"):
         rig.open_session("nowhere")
     with pytest.raises(SessionError, match="opens trials"):
         rig.open_session(STORED / "stored_record")

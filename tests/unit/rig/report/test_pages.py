@@ -291,7 +291,7 @@ def test_unfinished_session_and_lift_without_angles_are_shown_as_such(
 @pytest.mark.usefixtures("quick_pages")
 def test_invalid_report_source_is_rejected(tmp_path: Path, trial: Path) -> None:
     for sources, out, said in (
-        ([tmp_path / "nowhere"], None, "no such session"),
+        ([tmp_path / "nowhere"], None, "there is no such session"),
         ([tmp_path], None, "neither a session nor CSV"),
         ([trial, trial], None, "rig compare compares two"),
         ([trial], tmp_path, "is a folder"),

@@ -143,5 +143,5 @@ def test_session_of_another_kind_is_rejected_in_one_sentence(drawn_recording: An
     folder = drawn_recording(tmp_path / "s")
     with pytest.raises(SessionError, match=r"is a 'record' session; only trials have wings"):
         read_manifest_of(folder, TrialManifest, "only trials have wings")
-    with pytest.raises(SessionError, match="no such session folder"):
+    with pytest.raises(SessionError, match="there is no such session folder"):
         read_manifest_of(tmp_path / "none", TrialManifest, "")

@@ -70,7 +70,7 @@ def test_placeholder_in_any_value_is_refused(line: str, column: int, where: str)
 
 @pytest.mark.parametrize("name", ["missing.toml", "folder/missing", "./missing"])
 def test_missing_bench_file_is_named_as_missing(name: str) -> None:
-    with pytest.raises(InputError, match=r"missing.*: file not found"):
+    with pytest.raises(InputError, match=r"missing.*: there is no such file"):
         load_bench(name)
     with pytest.raises(InputError, match=r"unknown bench 'fakes' .did you mean 'fake'"):
         load_bench("fakes")

@@ -383,6 +383,18 @@ def test_stored_clip_is_shown_as_a_whole(tmp_path: Path, browser: Browser) -> No
         assert "SIMULATED clip" in browser.value("document.title").replace(str(tmp_path) + "/", "")
         browser.value("[...document.querySelectorAll('#events button')].at(-1).click()")
         assert browser.value("live.at") > 0.9
+        moment = browser.value("live.at")
+        browser.value("document.getElementById('slider').focus()")
+        browser.key(" ", " ")
+        until(lambda: browser.value("live.at") > moment + 0.5, LIMIT_S)
+        browser.key(" ", " ")
+        stopped = browser.value("live.at")
+        assert browser.value("document.getElementById('play').innerText") == "Play"
+        browser.value("document.getElementById('play').click()")
+        assert browser.value("document.getElementById('play').innerText") == "Pause"
+        until(lambda: browser.value("live.at") == 4.766667, LIMIT_S)
+        assert stopped < browser.value("live.at")
+        assert browser.value("document.getElementById('play').innerText") == "Play"
         until(lambda: browser.value("document.querySelector('canvas').height") == 320, LIMIT_S)
         assert "tracking" in browser.value("document.querySelector('.tiles').innerText")
         assert browser.said() == []

@@ -50,7 +50,6 @@ def test_a_bar_that_turns_is_followed() -> None:
         (np.zeros((3, 32, 24, 3), np.float32), "give uint8 RGB"),
         ([np.zeros((32, 24, 3), np.uint8), np.zeros((24, 24, 3), np.uint8)], "use one size"),
         ([1, 2], "give uint8 RGB"),
-        ([None, np.zeros((32, 24, 3), np.uint8)], "give uint8 RGB"),
     ],
 )
 def test_invalid_frames_are_an_input_error(frames: Any, why: str) -> None:
@@ -67,15 +66,18 @@ def test_iterator_of_frames_and_own_class_are_accepted() -> None:
 
 
 def test_frames_that_are_read_into_one_array_give_the_same_angles() -> None:
+    # so small that slip does not reduce them, which would copy them
+    background, *frames = (np.ascontiguousarray(image[::4, ::4]) for image in (gel(320, 240), *bars()))
+
     def into_one_array() -> Iterator[Image]:
-        buffer = np.empty_like(bars()[0])
-        for frame in bars():
+        buffer = np.empty_like(background)
+        for frame in frames:
             buffer[:] = frame
             yield buffer
 
-    angles = rig.estimate(into_one_array(), gel(320, 240))
+    angles = rig.estimate(into_one_array(), background)
     assert np.isfinite(angles.angle_deg[-1])
-    np.testing.assert_array_equal(angles.angle_deg, rig.estimate(bars(), gel(320, 240)).angle_deg)
+    np.testing.assert_array_equal(angles.angle_deg, rig.estimate(frames, background).angle_deg)
 
 
 def test_frame_that_is_no_image_is_an_input_error_if_the_background_is_given() -> None:

@@ -13,12 +13,13 @@ from drivers.bench import Bench
 from drivers.errors import OutOfLimitsError
 from drivers.types import Pose, Vector3
 from protocols.capture_hand_eye import wait_until_still
+from protocols.steps import arm_limit_s
 
 SPEED_M_S = 0.05
 ACCELERATION_M_S2 = 0.3
 """Speed and acceleration of the tool."""
 MOTION_TIMEOUT_S = 30.0
-"""Time limit of a motion."""
+"""Time limit of a motion at full speed."""
 ABOVE_M = 0.015
 """Height above the hole at which the tool is turned."""
 FIRST_ABOVE_M = 0.12
@@ -90,4 +91,5 @@ def _rise(bench: Bench) -> None:
 
 
 def _go(bench: Bench, target: Pose) -> None:
-    bench.arm.move_linear(target, SPEED_M_S, ACCELERATION_M_S2).wait(MOTION_TIMEOUT_S)
+    limit_s = arm_limit_s(bench, MOTION_TIMEOUT_S)
+    bench.arm.move_linear(target, SPEED_M_S, ACCELERATION_M_S2).wait(limit_s)

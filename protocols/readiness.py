@@ -12,15 +12,7 @@ from drivers.errors import GripperFaultError
 from drivers.types import BASIC_MODE, HandState, Holding
 from protocols.operator import Operator
 from protocols.safe_end import is_above, is_around, safe_end
-from protocols.steps import (
-    CLEARANCE_M,
-    LOWER_SPEED_M_S,
-    MARGIN_M,
-    MOTION_TIMEOUT_S,
-    go_home,
-    move,
-    move_fingers,
-)
+from protocols.steps import CLEARANCE_M, LOWER_SPEED_M_S, MARGIN_M, go, go_home, move_fingers
 
 OPEN_M = 0.002
 """Fingers closed by at most this from fully open, m, hold nothing: three steps of a Robotiq 3-Finger."""
@@ -113,7 +105,7 @@ def _free(bench: Bench, operator: Operator, hand: HandState, why: str) -> None:
     operator.look(f"{why}{_seen(hand)} {question}")
     bench.hand.note(hand)
     if place is not None:
-        move(bench, place, LOWER_SPEED_M_S).wait(MOTION_TIMEOUT_S)
+        go(bench, place, LOWER_SPEED_M_S)
     _activate(bench, operator)
     opening_mm = 1e3 * move_fingers(bench, bench.gripper.spec.open_m).opening_m
     operator.look(f"The fingers have opened to {opening_mm:.1f} mm. Is the hand empty, and may the arm rise?")
@@ -122,7 +114,7 @@ def _free(bench: Bench, operator: Operator, hand: HandState, why: str) -> None:
     pose = bench.arm.state().base_T_tcp
     rise_m = bench.base_T_table.position_m[2] + CLEARANCE_M - pose.position_m[2]
     if rise_m > 0.0:
-        move(bench, pose.translated(z_m=rise_m), LOWER_SPEED_M_S).wait(MOTION_TIMEOUT_S)
+        go(bench, pose.translated(z_m=rise_m), LOWER_SPEED_M_S)
 
 
 def _seen(hand: HandState) -> str:

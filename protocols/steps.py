@@ -242,6 +242,12 @@ def approach(bench: Bench, base_T_grasp: Pose, width_m: float, what: str) -> Non
     check_way(bench.arm.limits, way_to(bench.arm.state().base_T_tcp, base_T_grasp))
     _rise_to(bench, above.position_m[2])
     reached = open_around(bench, width_m)
+    if reached.gripping:
+        doubt_hand(bench, "the fingers met something before the hand came down")
+        raise FingerMotionError(
+            f"gripper: the fingers met something at {1e3 * reached.opening_m:.1f} mm before the hand came down; "
+            "the arm stays where it is. Check what is between the fingers, free it, then start again"
+        )
     bench.hand.note(HandState(Holding.FREE, finger_opening_m=reached.opening_m))
     go(bench, above, TRAVEL_SPEED_M_S)
     bench.hand.note(HandState(Holding.AROUND, what, base_T_grasp, width_m))

@@ -180,7 +180,7 @@ def capture_wiggle(
         observer.phase(Phase.LIFT, pump.seen_ns)
         for stroke in strokes:
             goal = touch.base_T_grasp.translated(z_m=stroke.height_m)
-            limit_s = arm_limit_s(bench, MOTION_TIMEOUT_S)
+            limit_s = arm_limit_s(pump.arm, MOTION_TIMEOUT_S)
             motion = bench.arm.move_linear(goal, stroke.speed_m_s, ACCELERATION_M_S2)
             pump.run_until(motion.done, limit_s, "the arm did not end a stroke")
         observer.phase(Phase.LOWER, pump.seen_ns)

@@ -80,7 +80,7 @@ def run_lift(bench: Bench, plan: LiftPlan, observer: LiftObserver, reaction: Rea
 
 def _rise(bench: Bench, pump: Pump, plan: LiftPlan, reflex: Reflex) -> bool:
     """Lift, with reactions if the object slips; return whether the full height was reached."""
-    limit_s = arm_limit_s(bench, LIFT_TIMEOUT_S)
+    limit_s = arm_limit_s(pump.arm, LIFT_TIMEOUT_S)
     while True:
         rising = lift(bench, plan.base_T_grasp, plan.lift_height_m, LIFT_S)
         pump.run_until(

@@ -64,10 +64,19 @@ _THERE_M, _THERE_RAD = 1e-3, 5e-3
 """Largest distances from a pose at which the arm counts as being there."""
 
 
-def move(bench: Bench, target: Pose, speed_m_s: float) -> Motion:
-    """Start a straight motion with ACCELERATION_M_S2; return it. Downward motions are guarded."""
-    before = bench.arm.state()
-    motion = bench.arm.move_linear(target, speed_m_s, ACCELERATION_M_S2)
+def move(
+    bench: Bench,
+    target: Pose,
+    speed_m_s: float,
+    before: ArmState | None = None,
+    acceleration_m_s2: float = ACCELERATION_M_S2,
+) -> Motion:
+    """Start a straight motion; return it. Downward motions are guarded.
+
+    before: state of the arm just now; it is read if it is not given.
+    """
+    before = before or bench.arm.state()
+    motion = bench.arm.move_linear(target, speed_m_s, acceleration_m_s2)
     if target.position_m[2] >= before.base_T_tcp.position_m[2] - LEVEL_M:
         return motion
     return guarded(bench, motion, before)
@@ -104,12 +113,12 @@ def guarded(bench: Bench, motion: Motion, before: ArmState) -> Motion:
     return PolledMotion("arm", bench.clock, has_ended, bench.arm.stop)
 
 
-def arm_limit_s(bench: Bench, full_speed_s: float) -> float:
-    """Return the time limit of a motion of the arm, from the limit at full speed.
+def arm_limit_s(state: ArmState | None, full_speed_s: float) -> float:
+    """Return the time limit of a motion of the arm, from the limit at full speed and the arm's newest state.
 
     The speed slider on the pendant slows all motions. An arm that reports no slider moves at full speed.
     """
-    fraction = bench.arm.state().speed_fraction
+    fraction = None if state is None else state.speed_fraction
     return full_speed_s if fraction is None else full_speed_s / max(fraction, SLOWEST)
 
 
@@ -118,8 +127,9 @@ def go(bench: Bench, target: Pose, speed_m_s: float, pump: Pump | None = None) -
 
     Raises `DeviceTimeoutError` after `MOTION_TIMEOUT_S` at full speed, see `arm_limit_s`.
     """
-    limit_s = arm_limit_s(bench, MOTION_TIMEOUT_S)
-    _wait(pump, move(bench, target, speed_m_s), limit_s, "the arm")
+    before = bench.arm.state()
+    motion = move(bench, target, speed_m_s, before)
+    _wait(pump, motion, arm_limit_s(before, MOTION_TIMEOUT_S), "the arm")
 
 
 def _wait(pump: Pump | None, motion: Motion, limit_s: float, mover: str) -> None:
@@ -245,8 +255,8 @@ def approach(bench: Bench, base_T_grasp: Pose, width_m: float, what: str) -> Non
     if reached.gripping:
         doubt_hand(bench, "the fingers met something before the hand came down")
         raise FingerMotionError(
-            f"gripper: the fingers met something at {1e3 * reached.opening_m:.1f} mm before the hand came down; "
-            "the arm stays where it is. Check what is between the fingers, free it, then start again"
+            f"gripper: the fingers met something at {1e3 * reached.opening_m:.1f} mm before the hand came "
+            "down; the arm stays where it is. Check what is between the fingers, free it, then start again"
         )
     bench.hand.note(HandState(Holding.FREE, finger_opening_m=reached.opening_m))
     go(bench, above, TRAVEL_SPEED_M_S)

@@ -371,9 +371,9 @@ def open_source(spec: SourceSpec, clock: Clock, discover: Discover, open_device:
             elsewhere = [other.device for other in nodes if other.serial == spec.serial != node.serial]
             if elsewhere:
                 raise DeviceError(
-                    f"{spec.serial}: it is at {elsewhere[0]}, and {address} has the serial {node.serial}: the "
-                    "sensors were exchanged, or their numbers have changed; remove the address from the bench "
-                    "file, so that the sensor is found by its serial"
+                    f"{spec.serial}: it is at {elsewhere[0]}, and {address} has the serial {node.serial}: "
+                    "the sensors were exchanged, or their numbers have changed; remove the address from the "
+                    "bench file, so that the sensor is found by its serial"
                 )
         return V4l2Stream(node, spec.size_px, spec.rate_hz, clock, open_device, on_same_bus(node, nodes))
     if "://" in address:

@@ -75,7 +75,7 @@ def check_hand(bench: Bench) -> HandState:
         return known
     opening_m, open_m = gripper.opening_m, bench.gripper.spec.open_m
     if known.holding is Holding.AROUND and not is_around(bench.arm.state().base_T_tcp, known):
-        # it rose with its fingers as wide as on the way down, unless somebody closed them on the object
+        # it rose with its fingers as wide as on the way down, unless they were closed on the object since
         around_m = min(known.width_m + 2 * MARGIN_M, open_m)
         known = HandState(Holding.FREE, finger_opening_m=around_m)
     if known.holding is Holding.FREE:

@@ -256,7 +256,7 @@ def approach(bench: Bench, base_T_grasp: Pose, width_m: float, what: str) -> Non
         doubt_hand(bench, "the fingers met something before the hand came down")
         raise FingerMotionError(
             f"gripper: the fingers met something at {1e3 * reached.opening_m:.1f} mm before the hand came "
-            "down; the arm stays where it is. Check what is between the fingers, free it, then start again"
+            "down; the arm does not move on. Free the space between the fingers, then start again"
         )
     bench.hand.note(HandState(Holding.FREE, finger_opening_m=reached.opening_m))
     go(bench, above, TRAVEL_SPEED_M_S)

@@ -13,12 +13,13 @@ from drivers.errors import DeviceTimeoutError, OutOfLimitsError
 from drivers.interfaces import FrameSource
 from drivers.tally import new_pictures
 from drivers.types import Frame, Pose
+from protocols.steps import arm_limit_s
 
 SPEED_M_S = 0.15
 ACCELERATION_M_S2 = 0.5
 """Speed and acceleration between the poses."""
 MOTION_TIMEOUT_S = 20.0
-"""Time limit of a motion between two poses."""
+"""Time limit of a motion between two poses at full speed."""
 SETTLE_S = 0.4
 """The arm counts as still if its pose does not change over this time."""
 STILL_TIMEOUT_S = 4.0
@@ -68,12 +69,13 @@ def capture_hand_eye(
     try:
         while (target := next_pose()) is not None:
             name, pose = target
+            limit_s = arm_limit_s(bench.arm.state(), MOTION_TIMEOUT_S)
             try:
                 motion = bench.arm.move_linear(pose, SPEED_M_S, ACCELERATION_M_S2)
             except OutOfLimitsError as error:
                 skipped(name, str(error))
                 continue
-            motion.wait(MOTION_TIMEOUT_S)
+            motion.wait(limit_s)
             wait_until_still(bench)
             # a picture captured after the standstill, between two readings of the arm that agree
             before = bench.arm.state().base_T_tcp

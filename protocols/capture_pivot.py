@@ -10,15 +10,16 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from drivers.bench import Bench
-from drivers.errors import OutOfLimitsError
+from drivers.errors import ContactForceError, OutOfLimitsError
 from drivers.types import Pose, Vector3
 from protocols.capture_hand_eye import wait_until_still
+from protocols.steps import arm_limit_s, move
 
 SPEED_M_S = 0.05
 ACCELERATION_M_S2 = 0.3
 """Speed and acceleration of the tool."""
 MOTION_TIMEOUT_S = 30.0
-"""Time limit of a motion."""
+"""Time limit of a motion at full speed."""
 ABOVE_M = 0.015
 """Height above the hole at which the tool is turned."""
 FIRST_ABOVE_M = 0.12
@@ -42,7 +43,8 @@ def capture_pivot(
 
     keep: receives id and seated pose of the TCP, and returns the estimated tip in the TCP's frame, m, or None
     while it is unknown; the better the estimate, the closer to the hole the next turn ends. skipped: receives
-    the id and the reason of a pose that was not captured. On any error, and on a stop, the arm stops.
+    the id and the reason of a pose that was not captured. Downward motions are guarded by the force at the
+    tool, because the length of the tip is not known. On any error, and on a stop, the arm stops.
     """
     try:
         start = bench.arm.state().base_T_tcp
@@ -73,15 +75,23 @@ def capture_pivot(
 
 
 def _seat(bench: Bench, name: str, nudge: Nudge) -> None:
-    """Step as the person requests until the tip sits. Raises `OutOfLimitsError` for too large a step."""
+    """Step as the person requests until the tip sits; after a step that was stopped at contact, ask again.
+
+    Raises `OutOfLimitsError` for too large a step.
+    """
+    stopped = ""
     for _ in range(MOST_NUDGES):
-        step = nudge(f"pose {name}: how far must the tip move?")
+        step = nudge(f"{stopped}pose {name}: how far must the tip move?")
         if step is None:
             return
         if float(np.linalg.norm(step)) > LARGEST_NUDGE_M:
             raise OutOfLimitsError(f"pose {name}: a step of {np.linalg.norm(step):.3f} m; is it in mm?")
         pose = bench.arm.state().base_T_tcp
-        _go(bench, Pose.from_rotation(np.add(pose.position_m, step), pose.rotation))
+        stopped = ""
+        try:
+            _go(bench, Pose.from_rotation(np.add(pose.position_m, step), pose.rotation))
+        except ContactForceError as error:
+            stopped = f"{error}. "
     raise OutOfLimitsError(f"pose {name}: the tip still did not sit after {MOST_NUDGES} steps")
 
 
@@ -90,4 +100,6 @@ def _rise(bench: Bench) -> None:
 
 
 def _go(bench: Bench, target: Pose) -> None:
-    bench.arm.move_linear(target, SPEED_M_S, ACCELERATION_M_S2).wait(MOTION_TIMEOUT_S)
+    before = bench.arm.state()
+    motion = move(bench, target, SPEED_M_S, before, ACCELERATION_M_S2)
+    motion.wait(arm_limit_s(before, MOTION_TIMEOUT_S))

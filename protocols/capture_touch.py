@@ -20,9 +20,10 @@ from protocols.steps import (
     MOST_CLOSING_M,
     MOTION_TIMEOUT_S,
     approach,
+    arm_limit_s,
     close_to_contact,
+    go,
     lower_and_release,
-    move,
     open_around,
     start_watching,
     step_fingers,
@@ -135,7 +136,7 @@ def _each(
             else:  # open around the gauge and move to the next place, along the gels
                 open_around(bench, touch.width_m, pump)
                 bench.hand.note(HandState(Holding.AROUND, touch.name, touch.base_T_grasp, touch.width_m))
-                move(bench, touch.base_T_grasp, LOWER_SPEED_M_S).wait(MOTION_TIMEOUT_S)
+                go(bench, touch.base_T_grasp, LOWER_SPEED_M_S)
             before = touch
             pump = start_watching(bench, observer, REFERENCE_S)
             touched(pump, touch, close_to_contact(bench, pump, observer))
@@ -179,8 +180,9 @@ def capture_wiggle(
         observer.phase(Phase.LIFT, pump.seen_ns)
         for stroke in strokes:
             goal = touch.base_T_grasp.translated(z_m=stroke.height_m)
+            limit_s = arm_limit_s(pump.arm, MOTION_TIMEOUT_S)
             motion = bench.arm.move_linear(goal, stroke.speed_m_s, ACCELERATION_M_S2)
-            pump.run_until(motion.done, MOTION_TIMEOUT_S, "the arm did not end a stroke")
+            pump.run_until(motion.done, limit_s, "the arm did not end a stroke")
         observer.phase(Phase.LOWER, pump.seen_ns)
         lower_and_release(bench, touch.base_T_grasp, touch.width_m, pump)
 

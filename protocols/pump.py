@@ -98,6 +98,8 @@ class Pump:
         self._camera = _Stream(bench.camera) if bench.has("camera") else None
         self._streams = [*self._tips, *((self._camera,) if self._camera else ())]
         self._still_m: tuple[float, float] | None = None
+        self.arm: ArmState | None = None
+        """Newest state of the arm, read with each camera picture; None before the first."""
 
     def expect_fingers(self, opening_m: tuple[float, float] | None) -> None:
         """Set the range of openings, m, that the last command allows; None while the fingers move.
@@ -193,7 +195,7 @@ class Pump:
     def _deliver(self, source: FrameSource, frame: Frame) -> None:
         if source is self._bench.camera and self._bench.actuators:
             # Errors of the arm or the gripper are raised here, whatever the lift is waiting for.
-            state = self._bench.arm.state()
+            self.arm = state = self._bench.arm.state()
             require_running(state)
             self._observer.arm(state)
             fingers = self._bench.gripper.state()

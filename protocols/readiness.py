@@ -12,7 +12,7 @@ from drivers.errors import GripperFaultError
 from drivers.types import BASIC_MODE, HandState, Holding
 from protocols.operator import Operator
 from protocols.safe_end import is_above, is_around, safe_end
-from protocols.steps import CLEARANCE_M, LOWER_SPEED_M_S, MOTION_TIMEOUT_S, go_home, move, move_fingers
+from protocols.steps import CLEARANCE_M, LOWER_SPEED_M_S, MARGIN_M, go, go_home, move_fingers
 
 OPEN_M = 0.002
 """Fingers closed by at most this from fully open, m, hold nothing: three steps of a Robotiq 3-Finger."""
@@ -65,22 +65,24 @@ def agree_to_carry(bench: Bench, operator: Operator) -> None:
 def check_hand(bench: Bench) -> HandState:
     """Return the known state of the hand, corrected by the gripper's state: open fingers hold nothing.
 
-    If the hand was free but its fingers have closed or met an object since, its state is unknown.
+    If the hand was free, or has risen from around an object, but its fingers have closed or met an object
+    since, its state is unknown.
     """
     known = bench.hand.state
     try:
         gripper = bench.gripper.state()
     except GripperFaultError:
         return known
-    opening_m = gripper.opening_m
+    opening_m, open_m = gripper.opening_m, bench.gripper.spec.open_m
+    if known.holding is Holding.AROUND and not is_around(bench.arm.state().base_T_tcp, known):
+        # it rose with its fingers as wide as on the way down, unless they were closed on the object since
+        around_m = min(known.width_m + 2 * MARGIN_M, open_m)
+        known = HandState(Holding.FREE, finger_opening_m=around_m)
     if known.holding is Holding.FREE:
         closed = known.finger_opening_m is not None and opening_m < known.finger_opening_m - CLOSED_M
         if gripper.gripping or closed:
             return HandState(Holding.UNKNOWN, f"the fingers were closed to {1e3 * opening_m:.1f} mm since")
-    elif known.holding is Holding.AROUND:
-        if not is_around(bench.arm.state().base_T_tcp, known):
-            return HandState(Holding.FREE)
-    elif not gripper.gripping and opening_m >= bench.gripper.spec.open_m - OPEN_M:
+    elif known.holding is not Holding.AROUND and not gripper.gripping and opening_m >= open_m - OPEN_M:
         # A gripper that lost its power may report wrong positions, so it must be activated or never have
         # held.
         if gripper.activated or known.base_T_grasp is None:
@@ -103,7 +105,7 @@ def _free(bench: Bench, operator: Operator, hand: HandState, why: str) -> None:
     operator.look(f"{why}{_seen(hand)} {question}")
     bench.hand.note(hand)
     if place is not None:
-        move(bench, place, LOWER_SPEED_M_S).wait(MOTION_TIMEOUT_S)
+        go(bench, place, LOWER_SPEED_M_S)
     _activate(bench, operator)
     opening_mm = 1e3 * move_fingers(bench, bench.gripper.spec.open_m).opening_m
     operator.look(f"The fingers have opened to {opening_mm:.1f} mm. Is the hand empty, and may the arm rise?")
@@ -112,7 +114,7 @@ def _free(bench: Bench, operator: Operator, hand: HandState, why: str) -> None:
     pose = bench.arm.state().base_T_tcp
     rise_m = bench.base_T_table.position_m[2] + CLEARANCE_M - pose.position_m[2]
     if rise_m > 0.0:
-        move(bench, pose.translated(z_m=rise_m), LOWER_SPEED_M_S).wait(MOTION_TIMEOUT_S)
+        go(bench, pose.translated(z_m=rise_m), LOWER_SPEED_M_S)
 
 
 def _seen(hand: HandState) -> str:

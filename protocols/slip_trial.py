@@ -10,7 +10,15 @@ from protocols.observer import LiftObserver, Phase
 from protocols.pump import Pump
 from protocols.reaction import Reaction, Reflex
 from protocols.safe_end import safe_end
-from protocols.steps import approach, close_to_contact, lift, lower_and_release, start_watching, tighten
+from protocols.steps import (
+    approach,
+    arm_limit_s,
+    close_to_contact,
+    lift,
+    lower_and_release,
+    start_watching,
+    tighten,
+)
 
 REFERENCE_S = 0.25
 GRASP_S, SETTLE_S = 3.0, 0.8
@@ -20,7 +28,7 @@ HOLD_S = 1.2
 SEEN_S = 0.3
 """Observation time before an early set-down after a reaction, so that the final angle is recorded."""
 LIFT_TIMEOUT_S = 8.0
-"""Time limit of the lift."""
+"""Time limit of the lift at full speed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,11 +80,12 @@ def run_lift(bench: Bench, plan: LiftPlan, observer: LiftObserver, reaction: Rea
 
 def _rise(bench: Bench, pump: Pump, plan: LiftPlan, reflex: Reflex) -> bool:
     """Lift, with reactions if the object slips; return whether the full height was reached."""
+    limit_s = arm_limit_s(pump.arm, LIFT_TIMEOUT_S)
     while True:
         rising = lift(bench, plan.base_T_grasp, plan.lift_height_m, LIFT_S)
         pump.run_until(
             lambda motion=rising: reflex.called() or motion.done(),
-            LIFT_TIMEOUT_S,
+            limit_s,
             "the arm did not reach the lift height",
         )
         if not reflex.called():

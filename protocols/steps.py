@@ -46,7 +46,9 @@ FIRMER_PARTS = 2
 MOST_CLOSING_M = 0.015
 """Longest closing in search of the object, m, unless the caller asks for more."""
 MOTION_TIMEOUT_S = 15.0
-"""Time limit of a motion of arm or fingers."""
+"""Time limit of a motion of arm or fingers, of the arm at full speed (`arm_limit_s`)."""
+SLOWEST = 0.05
+"""Lowest position of the arm's speed slider at which motions get the time that they take."""
 REACHED_M = 0.002
 """Tolerance of a reached opening, m: a third of the 6 mm by which a release opens wider than the object
 (2 x `MARGIN_M`), so fingers within this tolerance do not touch the object. Three steps of a Robotiq
@@ -62,10 +64,19 @@ _THERE_M, _THERE_RAD = 1e-3, 5e-3
 """Largest distances from a pose at which the arm counts as being there."""
 
 
-def move(bench: Bench, target: Pose, speed_m_s: float) -> Motion:
-    """Start a straight motion with ACCELERATION_M_S2; return it. Downward motions are guarded."""
-    before = bench.arm.state()
-    motion = bench.arm.move_linear(target, speed_m_s, ACCELERATION_M_S2)
+def move(
+    bench: Bench,
+    target: Pose,
+    speed_m_s: float,
+    before: ArmState | None = None,
+    acceleration_m_s2: float = ACCELERATION_M_S2,
+) -> Motion:
+    """Start a straight motion; return it. Downward motions are guarded.
+
+    before: state of the arm just now; it is read if it is not given.
+    """
+    before = before or bench.arm.state()
+    motion = bench.arm.move_linear(target, speed_m_s, acceleration_m_s2)
     if target.position_m[2] >= before.base_T_tcp.position_m[2] - LEVEL_M:
         return motion
     return guarded(bench, motion, before)
@@ -102,15 +113,30 @@ def guarded(bench: Bench, motion: Motion, before: ArmState) -> Motion:
     return PolledMotion("arm", bench.clock, has_ended, bench.arm.stop)
 
 
-def wait_with(pump: Pump | None, motion: Motion, mover: str) -> None:
-    """Wait for the end of a motion, while frames are delivered if there is a pump.
+def arm_limit_s(state: ArmState | None, full_speed_s: float) -> float:
+    """Return the time limit of a motion of the arm, from the limit at full speed and the arm's newest state.
 
-    mover: "the arm" or "the fingers". Raises `DeviceTimeoutError` after `MOTION_TIMEOUT_S`.
+    The speed slider on the pendant slows all motions. An arm that reports no slider moves at full speed.
     """
+    fraction = None if state is None else state.speed_fraction
+    return full_speed_s if fraction is None else full_speed_s / max(fraction, SLOWEST)
+
+
+def go(bench: Bench, target: Pose, speed_m_s: float, pump: Pump | None = None) -> None:
+    """Move as `move` does and wait for the end, while frames are delivered if there is a pump.
+
+    Raises `DeviceTimeoutError` after `MOTION_TIMEOUT_S` at full speed, see `arm_limit_s`.
+    """
+    before = bench.arm.state()
+    motion = move(bench, target, speed_m_s, before)
+    _wait(pump, motion, arm_limit_s(before, MOTION_TIMEOUT_S), "the arm")
+
+
+def _wait(pump: Pump | None, motion: Motion, limit_s: float, mover: str) -> None:
     if pump is None:
-        motion.wait(MOTION_TIMEOUT_S)
+        motion.wait(limit_s)
     else:
-        pump.run_until(motion.done, MOTION_TIMEOUT_S, f"{mover} did not end the motion")
+        pump.run_until(motion.done, limit_s, f"{mover} did not end the motion")
 
 
 def move_fingers(bench: Bench, opening_m: float, pump: Pump | None = None) -> GripperState:
@@ -127,7 +153,7 @@ def move_fingers(bench: Bench, opening_m: float, pump: Pump | None = None) -> Gr
     opens = opening_m > bench.gripper.state().opening_m
     if pump is not None:
         pump.expect_fingers(None)
-    wait_with(pump, bench.gripper.move_to(opening_m), "the fingers")
+    _wait(pump, bench.gripper.move_to(opening_m), MOTION_TIMEOUT_S, "the fingers")
     reached = bench.gripper.state()
     problem = _problem(reached, opening_m, opens, bench.gripper.spec)
     if problem is None:
@@ -226,10 +252,16 @@ def approach(bench: Bench, base_T_grasp: Pose, width_m: float, what: str) -> Non
     check_way(bench.arm.limits, way_to(bench.arm.state().base_T_tcp, base_T_grasp))
     _rise_to(bench, above.position_m[2])
     reached = open_around(bench, width_m)
+    if reached.gripping:
+        doubt_hand(bench, "the fingers met something before the hand came down")
+        raise FingerMotionError(
+            f"gripper: the fingers met something at {1e3 * reached.opening_m:.1f} mm before the hand came "
+            "down; the arm does not move on. Free the space between the fingers, then start again"
+        )
     bench.hand.note(HandState(Holding.FREE, finger_opening_m=reached.opening_m))
-    move(bench, above, TRAVEL_SPEED_M_S).wait(MOTION_TIMEOUT_S)
+    go(bench, above, TRAVEL_SPEED_M_S)
     bench.hand.note(HandState(Holding.AROUND, what, base_T_grasp, width_m))
-    move(bench, base_T_grasp, TRAVEL_SPEED_M_S).wait(MOTION_TIMEOUT_S)
+    go(bench, base_T_grasp, TRAVEL_SPEED_M_S)
 
 
 def start_watching(bench: Bench, observer: LiftObserver, reference_s: float) -> Pump:
@@ -310,7 +342,7 @@ def lift(bench: Bench, base_T_grasp: Pose, height_m: float, duration_s: float) -
 
 def lower_and_release(bench: Bench, base_T_grasp: Pose, width_m: float, pump: Pump | None = None) -> None:  # noqa: N803
     """Set the object down, open the fingers, and retreat upwards, as `open_and_rise` does."""
-    wait_with(pump, move(bench, base_T_grasp, LOWER_SPEED_M_S), "the arm")
+    go(bench, base_T_grasp, LOWER_SPEED_M_S, pump)
     open_and_rise(bench, base_T_grasp, width_m, pump)
 
 
@@ -342,7 +374,7 @@ def _rise_to(bench: Bench, height_m: float, speed_m_s: float = LOWER_SPEED_M_S) 
     pose = bench.arm.state().base_T_tcp
     rise_m = height_m - pose.position_m[2]
     if rise_m > LEVEL_M:
-        move(bench, pose.translated(z_m=rise_m), speed_m_s).wait(MOTION_TIMEOUT_S)
+        go(bench, pose.translated(z_m=rise_m), speed_m_s)
 
 
 def home_plan(base_T_home: Pose, when: str) -> str:  # noqa: N803
@@ -377,5 +409,5 @@ def go_home(bench: Bench) -> None:
     check_way(limits, (here, *way))
     for pose in way:
         if not here.is_near(pose, _THERE_M, _THERE_RAD):
-            move(bench, pose, TRAVEL_SPEED_M_S).wait(MOTION_TIMEOUT_S)
+            go(bench, pose, TRAVEL_SPEED_M_S)
             here = pose

@@ -368,6 +368,13 @@ def open_source(spec: SourceSpec, clock: Clock, discover: Discover, open_device:
         else:  # udev need not list it
             known = (node for node in nodes if node.device == address)
             node = next(known, VideoNode(address, spec.serial))
+            elsewhere = [other.device for other in nodes if other.serial == spec.serial != node.serial]
+            if elsewhere:
+                raise DeviceError(
+                    f"{spec.serial}: it is at {elsewhere[0]}, and {address} has the serial {node.serial}: "
+                    "the sensors were exchanged, or their numbers have changed; remove the address from the "
+                    "bench file, so that the sensor is found by its serial"
+                )
         return V4l2Stream(node, spec.size_px, spec.rate_hz, clock, open_device, on_same_bus(node, nodes))
     if "://" in address:
         stream = MjpegStream(address, spec.rate_hz, clock)

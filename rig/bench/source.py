@@ -3,6 +3,7 @@
 The bench of a session is read before the first question; the state of its hand survives a killed program.
 """
 
+import fcntl
 import logging
 import sys
 from collections.abc import Callable, Iterator
@@ -102,7 +103,7 @@ class HandMemory:
 
     def __init__(self, arm: str) -> None:
         self._folder = state_folder() / "hands"
-        self._name = quote(arm, safe="")
+        self._arm, self._name = arm, quote(arm, safe="")
         self._file = self._folder / f"{self._name}.json"
 
     def recall(self) -> HandState:
@@ -114,12 +115,30 @@ class HandMemory:
         try:
             self._folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
-            raise RecordingError(
-                f"{self._folder}: cannot be written ({error.strerror}): it stores what the hand holds "
-                "across crashes; set XDG_STATE_HOME to a writable folder"
-            ) from error
+            raise self._unwritable(error) from error
         self._write(state)
         return state
+
+    @contextmanager
+    def reserved(self) -> Iterator[None]:
+        """Reserve the arm and its hand for this program; the system releases them when it ends in any way.
+
+        A second program would end the control program of the first, whose object then stays in the air.
+        Raises `DeviceError` if another program has reserved them, `RecordingError` as `recall` does.
+        """
+        try:
+            self._folder.mkdir(parents=True, exist_ok=True)
+            lock = (self._folder / f"{self._name}.lock").open("w")
+        except OSError as error:
+            raise self._unwritable(error) from error
+        with lock:
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError as error:
+                raise DeviceError(
+                    f"{self._arm}: another rig program uses this bench; wait for its end, then start again"
+                ) from error
+            yield
 
     def keep(self, state: HandState) -> None:
         """Store the state. A failure is only logged, because the hand continues its motion."""
@@ -147,6 +166,12 @@ class HandMemory:
                 if all(finder.find(image).mask is not None for image in frames):
                     found.append(sensor.serial)
         return found
+
+    def _unwritable(self, error: OSError) -> RecordingError:
+        return RecordingError(
+            f"{self._folder}: cannot be written ({error.strerror}): it stores what the hand holds "
+            "across crashes; set XDG_STATE_HOME to a writable folder"
+        )
 
     def _write(self, state: HandState) -> None:
         write_json(self._file, {**asdict(state), "holding": state.holding.value})
@@ -345,6 +370,7 @@ class StandingBench(BenchSource):
             return Hand(HandState(Holding.FREE))
         host = config.arm.host if config.has("arm") else None
         self._memory = memory = HandMemory(host or f"bench {config.name}")
+        self._session.enter_context(memory.reserved())
         return Hand(memory.recall(), memory.keep)
 
     def _disconnect(self) -> None:

@@ -25,15 +25,18 @@ def ask(question: str) -> bool:
     if not _terminal():
         print(f"{question} [no terminal to ask and answer at: no]", file=sys.stderr, flush=True)
         return False
-    while (answer := _typed(f"{question} [y/N]:")) not in ("", "n", "no", "y", "yes"):
+    while (answer := _typed(f"{question} [y/N]:").strip()) not in ("", "n", "no", "y", "yes"):
         print(f"'{answer}' is neither y nor n", file=sys.stderr, flush=True)
     return answer in ("y", "yes")
 
 
 def ask_line(question: str) -> str:
-    """Ask for a line of text. Raises `OperatorStopError` without a terminal."""
+    """Ask for a line of text. Raises `OperatorStopError` at the end of input, and without a terminal."""
     _require_terminal(question, "ask and answer")
-    return _typed(question)
+    line = _typed(question)
+    if not line:
+        raise OperatorStopError("stopped: the input ended without an answer; the arm holds its position")
+    return line.strip()
 
 
 @contextmanager
@@ -90,13 +93,13 @@ def _require_terminal(question: str, what: str) -> None:
 
 
 def _typed(prompt: str) -> str:
-    """Show a prompt with displays hidden; return the typed line in lower case, "" at the end of input.
+    """Show a prompt with displays hidden; return the typed line in lower case with its line end.
 
-    Input typed before the prompt is discarded.
+    Input typed before the prompt is discarded. The end of input is "", a typed empty line is not.
     """
     with asked(prompt):
         termios.tcflush(sys.stdin, termios.TCIFLUSH)
         print(prompt, end=" ", file=sys.stderr, flush=True)
-        answer = sys.stdin.readline().strip().lower()
-    _log.info("%s answered: %s", prompt, answer or "Enter")
+        answer = sys.stdin.readline().lower()
+    _log.info("%s answered: %s", prompt, answer.strip() or ("Enter" if answer else "end of input"))
     return answer

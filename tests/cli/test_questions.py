@@ -107,3 +107,16 @@ def test_question_without_a_terminal_counts_as_refused(at_terminal: AtTerminal, 
     terminal.type("y\n")
     terminal.wait_for("False")
     assert "no terminal" in (tmp_path / "log").read_text()
+
+
+def test_end_of_input_confirms_no_place_of_the_tip(at_terminal: AtTerminal) -> None:
+    code = """if True:
+    from rig.bench.operators import ConsoleOperator
+    from rig.terminal.questions import ask, ask_line
+    print("answered", ConsoleOperator(ask, tell=ask_line).nudge("How far must the tip move?"), flush=True)
+"""
+    terminal = at_terminal([sys.executable, "-c", code], 80)
+    terminal.wait_for("q to stop:")
+    terminal.type("\x04")
+    terminal.wait_for("the input ended without an answer")
+    assert "answered" not in terminal.text()

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from drivers.errors import FingerMotionError, OperatorStopError
-from drivers.types import HandState, Holding
+from drivers.types import GripperState, HandState, Holding
 from protocols.grasps import find_grasp_file
 from protocols.observer import Phase
 from protocols.readiness import make_ready
@@ -217,3 +217,21 @@ def test_change_of_the_opening_by_more_than_noise_ends_the_lift(lift_of: LiftOf,
             run_lift(lift.bench, lift.plan, lift.observer)
     else:
         assert lift.run() == "done"
+
+
+def test_fingers_that_meet_something_before_the_descent_keep_the_arm_where_it_is(lift_of: LiftOf) -> None:
+    lift = lift_of()
+    spec, before = lift.bench.gripper.spec, lift.pose
+
+    class Caught(type(lift.bench.gripper)):
+        """Its fingers meet something that is 40 mm wide, such as a hand."""
+
+        def state(self) -> GripperState:
+            state = super().state()
+            met = state.opening_m < 0.040
+            return replace(state, opening_m=spec.nearest(0.040), gripping=True) if met else state
+
+    lift.bench.gripper.__class__ = Caught
+    lift.run()
+    assert lift.pose == before
+    assert lift.bench.hand.state.holding is Holding.UNKNOWN

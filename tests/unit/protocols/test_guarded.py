@@ -5,12 +5,14 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
+from scipy.spatial.transform import Rotation
 
 from drivers.clock import to_ns
 from drivers.errors import ContactForceError, DeviceError, DeviceTimeoutError, InvalidStateError
 from drivers.types import GripperState, HandState, Holding
 from fakes.devices.gripper import FakeGripper
 from fakes.world.force_torque import FlangeSensor
+from protocols.capture_pivot import FIRST_ABOVE_M, capture_pivot
 from protocols.observer import Phase
 from protocols.safe_end import safe_end
 from protocols.slip_trial import run_lift
@@ -145,3 +147,22 @@ def test_moving_fingers_stop_if_their_state_becomes_invalid(
     stopped_m = gripper.state().opening_m
     clock.sleep_until(clock.now_ns() + to_ns(1.0))
     assert gripper.state().opening_m >= stopped_m - 2 * gripper.spec.resolution_m
+
+
+def test_step_of_a_tip_that_meets_the_table_is_stopped_and_asked_again(lift_of: LiftOf) -> None:
+    bench = lift_of().bench
+    height_m = bench.base_T_table.position_m[2] + FIRST_ABOVE_M
+    raise_table(bench, height_m - 0.02)
+    asked: list[str] = []
+    steps = [(0.0, 0.0, -0.1), None]
+
+    def nudge(question: str) -> Any:
+        asked.append(question)
+        return steps[len(asked) - 1]
+
+    seated: list[float] = []
+    capture_pivot(
+        bench, [Rotation.identity()], nudge, lambda name, pose: seated.append(pose.position_m[2]), pytest.fail
+    )
+    assert "met an obstacle" in asked[1]
+    assert seated == [pytest.approx(height_m - 0.022, abs=0.003)]

@@ -152,3 +152,14 @@ def test_other_grasp_mode_is_left_by_an_activation_that_a_person_agrees_to(
     make_ready(lift.bench, Person())
     assert f"in {mode} mode. Activate it now in basic mode?" in capsys.readouterr().err, "named with --yes"
     assert lift.bench.gripper.state().mode == "basic"
+
+
+def test_fingers_closed_on_the_object_after_the_hand_has_risen_are_not_free(lift_of: LiftOf) -> None:
+    lift = left_in_the_air(lift_of)
+    low = lift.plan.base_T_grasp.translated(z_m=-0.1)
+    bench = restarted(lift, HandState(Holding.AROUND, "wrench", low, lift.plan.width_m))
+    assert not bench.gripper.state().gripping
+    with pytest.raises(OperatorStopError):
+        make_ready(bench, person := Person(agrees=False))
+    assert "unknown whether the fingers hold something" in person.asked[0]
+    assert lift.held

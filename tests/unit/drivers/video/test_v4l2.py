@@ -162,13 +162,18 @@ def test_stopped_device_is_reopened() -> None:
 
 
 def test_another_sensor_at_the_address_after_reopening_is_refused() -> None:
-    exchanged = [VideoNode("/dev/video0", "D2", "DIGIT"), VideoNode("/dev/video2", "D1", "DIGIT")]
+    exchanged = [VideoNode("/dev/video0", "D2", "DIGIT")]
     captures = FakeCapture(sends=20), FakeCapture()
     with connected(digit_on(*captures, address="/dev/video0", nodes=(NODES, exchanged))) as digit:
         for _ in range(10):
             digit.next_frame(1.0)
         with pytest.raises(DeviceTimeoutError, match="serial D2, it had D1: the sensors were exchanged"):
             digit.next_frame(0.5)
+
+
+def test_address_of_another_sensor_is_refused_if_the_serial_is_found_elsewhere() -> None:
+    with pytest.raises(DeviceError, match="D1: it is at /dev/video0, and /dev/video2 has the serial D2"):
+        digit_on(FakeCapture(), address="/dev/video2").connect()
 
 
 def test_device_that_cannot_be_opened_or_lit_is_reported() -> None:

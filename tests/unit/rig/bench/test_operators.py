@@ -2,6 +2,7 @@
 
 from contextlib import nullcontext
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import cv2
@@ -88,6 +89,24 @@ def test_nothing_is_connected_before_consent_and_the_question_shows_the_speed_sl
         benches.begin()
     assert "arm: speed slider at 40%" in asked[0]
     assert asked[0].endswith("\nThe arm will move. Begin?")
+
+
+def test_second_program_on_a_bench_is_refused_before_any_device_is_read(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    monkeypatch.setattr("rig.bench.source.read_devices", lambda bench: [])
+    monkeypatch.setattr(Bench, "connected", lambda bench: nullcontext(bench))
+    monkeypatch.setattr("rig.bench.source.HandMemory.touched", lambda memory, bench: [])
+    agreeing = ConsoleOperator(lambda question: True)
+    asked = ConsoleOperator(lambda question: pytest.fail(question))
+    with session_bench(real_bench(), agreeing, "Begin?") as first:
+        first.begin()
+        with session_bench(real_bench(), asked, "Begin?") as second:
+            with pytest.raises(DeviceError, match="another rig program uses this bench"):
+                second.begin()
+    with session_bench(real_bench(), agreeing, "Begin?") as third:
+        third.begin()
 
 
 def test_unreadable_devices_are_one_message_and_real_time_lifts_compute_in_one_thread() -> None:

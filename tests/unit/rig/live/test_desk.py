@@ -139,7 +139,7 @@ def test_slip_alarm_of_the_object_ends_if_the_sensor_that_raised_it_is_unplugged
         assert slips[-1], "the object slips when the sensor is unplugged"
         after = [r for _ in range(20) for r in desk.step()]
     assert (silent.name, silent.sample, silent.frame) == ("D1", None, None)
-    assert silent.line().startswith("D1: angle     -    , no frames;")
+    assert silent.line().startswith("D1: angle     -    , no frames")
     assert [r.state for r in after if r.name == "D1"] == [], "it is reported once"
     slips = [r.sample.slip for r in after if r.name == OBJECT and r.sample]
     assert slips

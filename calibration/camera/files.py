@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from calibration.camera.model import Array, CameraModel, CameraUncertainty
+from calibration.camera.model import LEAST_FOCAL, Array, CameraModel, CameraUncertainty
 from calibration.store import CalibrationFile, check_serials, load, read_yaml, why_damaged
 from drivers.errors import CalibrationError
 from drivers.formats import reason, shown
@@ -83,8 +83,21 @@ def camera_from(content: Mapping[str, Any], where: str) -> CameraModel:
     distortion = _supported_terms(content, distortion, where)
     if not (np.isfinite(matrix).all() and np.isfinite(distortion).all()):
         raise CalibrationError(f"{where}: contains NaN or infinite values")
-    if min(size) < 1 or min(matrix[0, 0], matrix[1, 1]) <= 0:
-        raise CalibrationError(f"{where}: size {size} and focal length {matrix[0, 0]:.6g} are not valid")
+    focal, (cx, cy) = (matrix[0, 0], matrix[1, 1]), matrix[:2, 2]
+    if min(size) < 1 or min(focal) < LEAST_FOCAL * max(size):
+        raise CalibrationError(
+            f"{where}: size {size} and focal length {matrix[0, 0]:.6g} are not valid: both are in px"
+        )
+    if not np.allclose(matrix, [[focal[0], 0.0, cx], [0.0, focal[1], cy], [0.0, 0.0, 1.0]], atol=1e-6):
+        raise CalibrationError(
+            f"{where}: camera_matrix is {matrix.tolist()}, not fx 0 cx, 0 fy cy, 0 0 1: is it transposed, as "
+            "MATLAB writes it, or has it a skew, which is not supported?"
+        )
+    if not (0.0 <= cx < size[0] and 0.0 <= cy < size[1]):
+        raise CalibrationError(
+            f"{where}: the principal point ({cx:.6g}, {cy:.6g}) is outside the picture of {size} px: is the "
+            "matrix of pictures of another size?"
+        )
     terms = 5 if len(distortion) <= 5 else 8
     return CameraModel(size, matrix, np.pad(distortion, (0, terms - len(distortion))))
 

@@ -7,6 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.floating]
+LEAST_FOCAL = 0.1
+"""Shortest focal length of a pinhole lens, as a fraction of the longer side: it sees 157 degrees across."""
 
 
 @dataclass(frozen=True, slots=True)

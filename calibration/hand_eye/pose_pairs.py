@@ -251,6 +251,9 @@ def calibrate_pose_pairs(samples: Sequence[PoseSample], setup: Setup) -> HandEye
          "robot's model, the clock or the detector's scale drift?",
          "correlation of the errors of neighbouring pairs: {value:.2f}"),
     )  # fmt: skip
+    if float(np.median(pairs.b_t[:, 2])) < 0.0:
+        text = "the target is behind the camera: camera_T_target needs axes as OpenCV's, z forward and y down"
+        assessment += Assessment(doubts=(text,))
     return HandEyeResult(
         setup, gate + assessment, tuple(rejected), motion, *fit.at.poses, covariance, blocks,
         tuple(pairs.ids[i] for i in kept), sigmas=sigmas,

@@ -27,6 +27,7 @@ from drivers.formats.picture import (
     MOST_PIXELS,
     holds_floats,
     jpeg_header,
+    jpeg_orientation,
     may_hold_several,
     picture_count,
     picture_flaw,
@@ -420,10 +421,13 @@ def read_csv_rows(path: Path, needed: Sequence[str] = ()) -> list[tuple[int, dic
 def parse_csv(text: str, where: str) -> CsvTable:
     """Parse a CSV text. where: its name in errors.
 
-    Raises `FormatError` for a field or table that is too long, and for a row with more fields than the
-    header: decimal commas and unquoted commas in a text look so. A table without rows is accepted.
+    Raises `FormatError` for a field or table that is too long, for a name that two columns have, and for a
+    row with more fields than the header: decimal commas and unquoted commas in a text look so. A table
+    without rows is accepted.
     """
     header, lines = _with_header(*_lines(text, where))
+    if twice := next((name for i, name in enumerate(header) if name and name in header[:i]), ""):
+        raise FormatError(f"{where}: has two columns {shown(twice)}: remove or rename one")
     for number, fields in lines:
         if any(fields[len(header) :]):
             raise FormatError(

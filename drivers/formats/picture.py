@@ -27,6 +27,8 @@ _NO_SIZE = (0xC4, 0xC8, 0xCC)
 """Markers from C0 to CF that are not frame headers: Huffman tables, reserved, arithmetic coding."""
 _WIDTH, _HEIGHT, _BITS, _SAMPLES, _TILE_WIDTH, _TILE_HEIGHT, _SUBFILE = 256, 257, 258, 277, 322, 323, 254
 _FORMAT, _FLOAT = 339, 3
+_EXIF, _ORIENTATION = b"Exif\0\0", 274
+"""Begins the TIFF data in a JPEG (EXIF 2.3, 4.7.2); the tag of the orientation in them."""
 _SHORT, _LONG, _LESS_RESOLUTION = 3, 4, 1
 _TIFF = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 """Beginnings of TIFF and of BigTIFF, in both byte orders."""
@@ -87,6 +89,15 @@ def holds_floats(data: bytes) -> bool:
     with suppress(struct.error):
         return _of_first_sample(data, next(_pages(data)), _FORMAT) == _FLOAT
     return False
+
+
+def jpeg_orientation(beginning: bytes) -> int:
+    """Return the EXIF orientation of a JPEG by its first bytes: 1 for upright or unknown, to 8."""
+    at = beginning.find(_EXIF)
+    if at > 0 and beginning.startswith(_JPEG):
+        with suppress(struct.error, StopIteration, FormatError):
+            return next(_pages(beginning[at + len(_EXIF) :])).get(_ORIENTATION, 1)
+    return 1
 
 
 def may_hold_several(beginning: bytes) -> bool:

@@ -105,11 +105,17 @@ class VideoStream(RecordedStream):
 
 
 def image_files(folder: Path) -> list[Path]:
-    """Return a folder's images in order. Raises `InputError` without any, and for one of several pictures."""
+    """Return a folder's images in order, without `background.*`, the frame without contact of a clip.
+
+    Raises `InputError` without any, and for one of several pictures.
+    """
     try:
-        files = images_in_order(folder.iterdir(), PLAYED_SUFFIXES)
+        images = images_in_order(folder.iterdir(), PLAYED_SUFFIXES)
     except OSError as error:
         raise InputError(f"{folder}: cannot be read ({error.strerror}); check its permissions") from error
+    files = [file for file in images if file.stem != "background"]
+    if images and not files:
+        raise InputError(f"{folder}: {images[0].name} is its only image; give the video of the clip")
     if not files:
         raise InputError(f"{folder}: no images in it ({', '.join(PLAYED_SUFFIXES)}); check the path")
     for file in files:

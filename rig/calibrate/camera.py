@@ -3,6 +3,7 @@
 On a bench the arm or a person shows the board in many poses; markers are seen at rest.
 """
 
+from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 
@@ -27,7 +28,8 @@ from calibration.targets.boards import Target, View, coverage
 from calibration.targets.sheets import target_picture
 from calibration.verdict import Assessment, Rejected
 from drivers.errors import CalibrationError, InputError
-from drivers.images import read_image
+from drivers.formats import jpeg_orientation, read_beginning
+from drivers.images import BEGINNING_BYTES, read_image
 from drivers.progress import steps
 from drivers.types import Pose
 from protocols.capture_hand_eye import SPEED_M_S, HandEyeCapture, capture_hand_eye, capture_still
@@ -56,6 +58,11 @@ def camera_from_folder(
     """Find the target in a folder's pictures and fit the camera. Raises `InputError`."""
     files = {path.name: path for path in picture_files(folder, pattern)}
     found = {name: target.find(read_image(path, grey=True), name) for name, path in steps(files.items())}
+    turns = {name: jpeg_orientation(read_beginning(path, BEGINNING_BYTES)) for name, path in files.items()}
+    usual, _ = Counter(turns.values()).most_common(1)[0]
+    for name in (name for name, turn in turns.items() if turn != usual):
+        # the middle of the lens is elsewhere in a picture that is turned
+        found[name] = f"EXIF orientation {turns[name]} differs from the others' {usual}: keep one orientation"
     rejected = [Rejected(name, reason) for name, reason in found.items() if isinstance(reason, str)]
     read = CalibrationResult(
         "camera", {"camera": serial}, {}, Assessment(), source=str(folder), rejected=rejected,

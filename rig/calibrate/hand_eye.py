@@ -61,7 +61,7 @@ def hand_eye_from_folder(
     if camera_file is None:
         raise InputError("hand-eye needs the camera's intrinsics: give --camera FILE (rig calibrate camera)")
     camera = read_camera(camera_file, None if serial == "unknown" else serial)
-    poses, rejected = read_poses(folder / "poses.csv")
+    poses, rejected = read_poses(folder / "poses.csv", "tcp")
     samples: list[HandEyeSample] = []
     pictures: dict[str, Path] = {}
     views: dict[str, View | str] = {}
@@ -85,7 +85,7 @@ def hand_eye_from_folder(
 def _from_poses(folder: Path, serial: str, setup: Setup) -> CalibrationResult:
     """Pair `poses.csv` (base_T_tcp) and `targets.csv` (camera_T_target) by id, and solve."""
     files = [folder / "poses.csv", folder / TARGETS]
-    (robot, rejected), (seen, also) = (read_poses(path) for path in files)
+    (robot, rejected), (seen, also) = read_poses(files[0], "tcp"), read_poses(files[1])
     rejected = rejected + also
     rejected += [Rejected(name, "no pose of the target of this id") for name in robot.keys() - seen.keys()]
     rejected += [Rejected(name, "no robot pose of this id") for name in seen.keys() - robot.keys()]

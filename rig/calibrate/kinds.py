@@ -77,7 +77,14 @@ def _cameras(one: Path, other: Path) -> Figures:
 
 
 def _hand_eye(one: Content, other: Content) -> Figures:
-    """Compare the positions that the two answers give to points in the workspace."""
+    """Compare the positions that the two answers give to points in the workspace.
+
+    Raises `CalibrationError` for a fixed camera and one on the tool.
+    """
+    if one.get("setup") != other.get("setup"):
+        raise CalibrationError(
+            f"one is {one.get('setup')}, the other {other.get('setup')}: nothing to compare"
+        )
     nodes = [one, other, *([one["target"]] if one.get("setup") == "eye-in-hand" else [])]
     x, y, *target = (
         pose_from_quaternion(node["translation_m"], node["quaternion_xyzw"], "calibration file")

@@ -63,6 +63,8 @@ def read_press_folder(
     presses = PressFolder(pictures, read_image(still), files=[still])
     if untouched is not None:
         presses.untouched = [read_image(path) for path in picture_files(untouched)]
+        if any(image.shape != presses.background.shape for image in presses.untouched):
+            raise InputError(f"{untouched}: has pictures of another size than {still}: use one size")
     if ball_mm is None and not (folder / "catalog.csv").exists():
         raise InputError(f"{folder}: has no catalog.csv; give the diameter of the ball with --ball-mm")
     if ball_mm is None:
@@ -72,6 +74,8 @@ def read_press_folder(
         ball_mm = _diameter_mm(ball_mm, "--ball-mm")
         rows = [(p.name, ball_mm, None, None) for p in picture_files(pictures) if p.stem != "background"]
     by_hand = _circles(drawn) if circles or drawn.is_file() else {}
+    if by_hand and by_hand.keys().isdisjoint(_key(Path(name).stem) for name, *_ in rows):
+        raise InputError(f"{drawn}: names no picture of {pictures}")
     for name, diameter_mm, own_background, move_mm in rows:
         presses.files.append(pictures / name)
         rest = read_image(own_background) if own_background else presses.background
@@ -151,6 +155,8 @@ def _circles(path: Path) -> dict[str, Circle]:
         x, y, radius = (number_in(row, column, where) for column in CIRCLE_COLUMNS)
         if radius <= 0.0:
             raise InputError(f"{where}: a circle's radius is {radius:g} px; it must be positive")
+        if _key(Path(name).stem) in found:
+            raise InputError(f"{where}: {name} has a circle already: keep one")
         found[_key(Path(name).stem)] = x, y, radius
     return found
 

@@ -1,6 +1,7 @@
 """The result of a calibration command: a file, a page, and lines for the terminal."""
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from hashlib import sha256
@@ -8,7 +9,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from calibration.store import CalibrationFile, plain, save, write_bytes
+from calibration.store import CalibrationFile, load, plain, save, write_bytes
 from calibration.verdict import Verdict
 from drivers.errors import CalibrationError
 from rig.calibrate.figures import Picture
@@ -49,10 +50,15 @@ def file_result(result: CalibrationResult, folder: Path) -> dict[str, Any]:
     """Write file and page into a folder; return the figures for `--json`, with the paths "file" and "page".
 
     Both state the time, the hash of the samples and the versions of the software. Raises `CalibrationError`
-    for a refused calibration, after writing both.
+    for a refused calibration, after writing both; it does not replace one that a bench can use.
     """
     part = [result.part] if result.part else []
     stem = "-".join([result.kind, *part, *result.serials.values()])
+    verdict = result.assessment.verdict
+    if verdict is Verdict.REFUSED:
+        with suppress(CalibrationError):  # there is none, or it was refused as well
+            load(folder / f"{stem}.yaml", result.kind)
+            stem += "-refused"
     path, page = folder / f"{stem}.yaml", folder / f"{stem}.html"
     digest = sha256()
     for sample in sorted(result.files):
@@ -66,7 +72,6 @@ def file_result(result: CalibrationResult, folder: Path) -> dict[str, Any]:
         inputs=inputs | ({"simulated": True} if result.simulated else {}),
         software={"visuotactile-slip-rig": VERSION} | software,
     )
-    verdict = result.assessment.verdict
     save(result, path)
     write_bytes(page, _page(result).encode())
     if verdict is Verdict.REFUSED:

@@ -11,7 +11,7 @@ from calibration.store import write_bytes
 from calibration.time_offset import TimedSignal, make_stream, turning_rate
 from calibration.verdict import Rejected
 from drivers.errors import CalibrationError, FormatError, InputError
-from drivers.formats import number_in, read_csv_rows, time_ns_in, whole_in
+from drivers.formats import number_in, read_csv_rows, shown, time_ns_in, whole_in
 from drivers.images import SUFFIXES, encode_png, images_in_order
 from drivers.types import Image, Pose
 
@@ -28,12 +28,19 @@ def picture_files(folder: Path, pattern: str = "*") -> list[Path]:
     return found
 
 
-def read_poses(path: Path) -> tuple[dict[str, Pose], list[Rejected]]:
-    """Read `base_T_tcp` from a CSV: id, x_m, y_m, z_m and qx, qy, qz, qw or rx_rad, ry_rad, rz_rad (UR).
+def read_poses(path: Path, child_frame: str = "") -> tuple[dict[str, Pose], list[Rejected]]:
+    """Read poses from a CSV: id, x_m, y_m, z_m and qx, qy, qz, qw or rx_rad, ry_rad, rz_rad (UR).
 
-    Rows that hold no valid pose are left out, with their reason. Raises `InputError` for the file itself.
+    child_frame: the frame whose poses are needed; "" for any. Rows that hold no valid pose are left out, with
+    their reason. Raises `InputError` for the file itself, also if its column child_frame names another frame.
     """
     rows = read_csv_rows(path, ("id", "x_m", "y_m", "z_m"))
+    others = {row.get("child_frame", "") for _, row in rows} - {"", child_frame}
+    if child_frame and others:
+        raise InputError(
+            f"{path}: its column child_frame says {', '.join(map(shown, sorted(others)))}, and base_T_tcp is "
+            f"needed: convert the poses, and write '{child_frame}' in it"
+        )
     poses: dict[str, Pose] = {}
     rejected: list[Rejected] = []
     for line, row in rows:

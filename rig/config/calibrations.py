@@ -53,8 +53,8 @@ def find_calibrations(
     """Read a folder's calibrations for the devices of a bench; none without such a folder.
 
     If all files of a kind belong to other devices, that is an error: a swapped device would otherwise go
-    unnoticed. Calibrations with verdict "refused" are ignored. report: prints what a person should know of a
-    file beside its age and verdict. Raises `CalibrationError`.
+    unnoticed. Calibrations with verdict "refused" are not used. report: prints what a person should know of
+    a file beside its age and verdict. Raises `CalibrationError`.
     """
     wanted: list[tuple[str, dict[str, str]]] = []
     if config.has("camera"):
@@ -106,6 +106,7 @@ def _used(
         return CalibrationsInUse()
     file = load(path, kind, serials, allow_refused=True)
     if file.assessment.verdict is Verdict.REFUSED:
+        report(f"calibration not used: {path}: was refused when it was made ({file.assessment.reasons[0]})")
         return CalibrationsInUse()
     devices = {*serials.values(), {"gripper": "gripper", "tcp": "arm"}.get(kind, "")}
     _refuse_simulated(config, file, path, not devices.isdisjoint(config.real_devices))

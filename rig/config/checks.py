@@ -5,6 +5,7 @@ from collections.abc import Iterable, Iterator, Mapping
 import numpy as np
 from pydantic import BaseModel
 
+from calibration.camera.model import LEAST_FOCAL
 from drivers.named_classes import is_class_name
 from rig.config.fields import KeyFault, KeyPath
 from rig.config.models import (
@@ -122,6 +123,11 @@ def _camera(camera: CameraConfig) -> Iterator[KeyFault]:
             ("camera", "rate_hz"),
             f"is too slow: the true angle is taken between pictures at most 50 ms apart, "
             f"so give {SLOWEST_CAMERA_HZ:g} or more",
+        )
+    if camera.focal_px < LEAST_FOCAL * max(camera.size_px):
+        yield (
+            ("camera", "focal_px"),
+            "is too short for pictures of size_px: is it in mm? Write it in px",
         )
     number = getattr(cv2.aruco, camera.marker_dictionary, None)
     if not camera.marker_dictionary.startswith("DICT_") or number is None:

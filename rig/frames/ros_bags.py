@@ -130,7 +130,7 @@ def bag_images(path: Path, topic: str) -> Iterator[Image | None]:
         for connection, _, data in bag.messages(connections=_connections(bag, topic)):
             message = deserialized(data, connection.msgtype)
             if connection.msgtype == COMPRESSED:
-                kind, image = message.format, decode_image(message.data.tobytes())
+                kind, image = message.format, _compressed_image(message)
             else:
                 kind, image = message.encoding, _raw_image(message, topic)
             count, decoded = count + 1, decoded + (image is not None)
@@ -159,6 +159,19 @@ def _raw_image(message: Any, topic: str) -> Image | None:
     rows = message.data[: height * step].reshape(height, step)[:, : width * size]
     pixels = np.ascontiguousarray(rows).reshape(height, width, size)
     return pixels if conversion is None else np.asarray(cv2.cvtColor(pixels, conversion), np.uint8)
+
+
+def _compressed_image(message: Any) -> Image | None:
+    """Decode a compressed image; None if it cannot be decoded.
+
+    image_transport compresses a Bayer mosaic as it is, with a format such as "bayer_rggb8; jpeg compressed ".
+    """
+    source, _, packed = message.format.lower().partition(";")
+    _, conversion = ENCODINGS.get(source, (1, None))
+    if conversion is None or not source.startswith("bayer_") or packed.split()[1:] != ["compressed"]:
+        return decode_image(message.data.tobytes())
+    mosaic = decode_image(message.data.tobytes(), grey=True)
+    return None if mosaic is None else np.asarray(cv2.cvtColor(mosaic, conversion), np.uint8)
 
 
 def _deserializer(bag: "Reader1 | Reader2") -> Callable[[bytes, str], Any]:

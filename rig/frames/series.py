@@ -5,9 +5,10 @@ without an image; the caller decides how to report it.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import islice
+from itertools import islice, pairwise
 from pathlib import Path
 
 import cv2
@@ -28,6 +29,7 @@ from drivers.images import (
 from drivers.types import Image
 from rig.frames.clips import (
     ARRAY_SUFFIXES,
+    BACKGROUND,
     FRAMES,
     TIMES,
     TRIAL_VIDEO,
@@ -35,6 +37,7 @@ from rig.frames.clips import (
     array_frames,
     array_shape,
     clip_background,
+    clip_frames,
     is_raw_video,
     is_ros_bag,
     is_simulated_clip,
@@ -120,16 +123,17 @@ def read_frames(
 
     path: a folder of images (sorted by name, numbers by value), an image, a video, an array
     (`rig.frames.clips`), a ROS bag (`rig.frames.ros_bags`), or a trial of TactileTracking
-    (`rig.frames.clips`). A folder that contains a folder `frames` is a clip with background and times,
-    as `rig live` records it. timestamps: CSV with `frame,t_s`, see `times_from_table`. fps: frame rate in Hz;
-    by default that of the video, or 60 for images. topic: of a ROS bag; by default its only image topic.
+    (`rig.frames.clips`). A folder that contains a folder `frames`, as `rig live` records it, or a video and
+    no image but `background.*` is a clip with background and times. timestamps: CSV with `frame,t_s`, see
+    `times_from_table`. fps: frame rate in Hz; by default that of the video, or 60 for images. topic: of a ROS
+    bag; by default its only image topic.
     Raises `InputError` for anything else.
     """
-    if (path / FRAMES).is_dir():
+    if (path / FRAMES).is_dir() or _has_only_a_background(path):
         if timestamps is None and fps is None and (path / TIMES).exists():
             timestamps = path / TIMES
-        series, background = read_frames(path / FRAMES, timestamps, fps, topic), clip_background(path)
-        empty = None if background is None else partial(read_image, background)
+        series, background = read_frames(clip_frames(path), timestamps, fps, topic), clip_background(path)
+        empty = series.empty if background is None else partial(read_image, background)
         return replace(series, name=str(path), empty=empty)
     if is_ros_bag(path):
         if timestamps is not None or fps is not None:
@@ -224,8 +228,19 @@ def evenly_spread(images: Iterable[Image], least: int = MAX_FRAMES) -> list[Imag
     return kept
 
 
+def _has_only_a_background(path: Path) -> bool:
+    """Whether a folder's only image is the frame without contact of a clip, whose frames are in a video."""
+    with suppress(OSError):  # no folder, or one that cannot be read
+        return {file.stem for file in images_in_order(path.iterdir())} == {BACKGROUND} and not is_ros_bag(
+            path
+        )
+    return False
+
+
 def _image_series(path: Path, timestamps: Path | None, fps: float | None) -> FrameSeries:
     files = _image_files(path) if path.is_dir() else [path]
+    background = clip_background(path) if path.is_dir() else None
+    files = [file for file in files if file != background]
     for file in files:
         require_single(file)
     if not any(load_image(file) is not None for file in files):
@@ -240,7 +255,10 @@ def _image_series(path: Path, timestamps: Path | None, fps: float | None) -> Fra
         return (TimedFrame(f.name, t, load_image(f)) for f, t in zip(files, times, strict=True))
 
     notes = ("SIMULATED frames", *notes) if simulated else notes
-    return FrameSeries(str(path), read, notes, simulated=simulated, count=len(files))
+    if background is None:
+        return FrameSeries(str(path), read, notes, simulated=simulated, count=len(files))
+    notes = (*notes, f"{background.name}: the background, not a frame")
+    return FrameSeries(str(path), read, notes, partial(read_image, background), simulated, len(files))
 
 
 def _image_files(folder: Path) -> list[Path]:
@@ -253,6 +271,11 @@ def _image_files(folder: Path) -> list[Path]:
         others = [f for f in inside if f.suffix.lower() in OTHER_ENDINGS]
         cure = f"give one of its files, as {min(others)}" if others else "check the path"
         raise InputError(f"{folder}: no images in it ({', '.join(SUFFIXES)}): {cure}")
+    for before, file in pairwise(sorted(files)):
+        if before.stem == file.stem:
+            raise InputError(
+                f"{folder}: {before.name} and {file.name}: keep one image of a frame in the folder"
+            )
     return files
 
 

@@ -39,6 +39,8 @@ MOST_REPEATED = 0.5
 """If more than this share of the frames has the time of the frame before, the times are too coarse."""
 _UNITS = {"ms": 1e3, "microseconds": 1e6, "ns": 1e9, "minutes": 1 / 60, "hours": 1 / 3600}
 _USUAL_FPS = 1.0, 500.0
+_A_DAY_NS = 86_400 * NS_PER_S
+"""Frames further apart than this have times of two clocks, as 0 and the seconds since 1970."""
 Times = NDArray[np.int64]
 
 
@@ -68,7 +70,8 @@ def checked_times(where: str, times_ns: Sequence[int] | Times) -> tuple[str, ...
     """Return notes on the times of a stream that are used as they are.
 
     where: the stream's name in errors. times_ns: in the order of the frames. Raises `InputError` if the times
-    go back, if most frames share their time with others, or for a unit that cannot be s.
+    go back, if most frames share their time with others, if frames are days apart, or for a unit that
+    cannot be s.
     """
     times = np.asarray(times_ns, np.int64)
     steps = np.diff(times)
@@ -87,6 +90,11 @@ def checked_times(where: str, times_ns: Sequence[int] | Times) -> tuple[str, ...
             f"{where}: {repeated.size} of {len(times)} frames have the time of the previous frame (first: "
             f"frame {repeated[0]}): times in whole seconds, or rounded as float32? Give finer times, or a "
             "frame rate (--fps)"
+        )
+    if (far := np.flatnonzero(steps > _A_DAY_NS)).size:
+        raise InputError(
+            f"{where}: frame {far[0] + 1} is {steps[far[0]] / _A_DAY_NS:.3g} days after the previous frame: "
+            "was the clock set, or was a time not known? Correct the times, or give a frame rate (--fps)"
         )
     step_s = float(np.median(steps[steps > 0])) / NS_PER_S
     if not LEAST_FPS <= 1.0 / step_s <= MAX_FPS:
@@ -134,7 +142,7 @@ def stamped_times(
             notes = [f"times: {counted(back, 'frame')} arrived out of order, sorted by stamp"] if back else []
             return stamps, [*notes, *checked_times(where, np.sort(stamps))]
         except InputError:
-            why = "stamps that are constant, rounded or not in s"
+            why = "stamps that are constant, rounded or not in s, or days apart"
     note = f"times: of receipt, because the frames have {why}"
     return received, [note, *checked_times(f"{where}, {note}", np.sort(received))]
 

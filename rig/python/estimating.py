@@ -151,7 +151,8 @@ def score(estimate: Angles, truth: Angles) -> Score:
     """Compare angles with ground truth, which is interpolated at their times over gaps of at most 50 ms.
 
     A true angle with steps of more than 90 degrees is unwrapped, with a warning in the log. Steps that an
-    object can turn in the time between two samples, at 200 deg/s, are kept, with another warning.
+    object can turn in the time between two samples, at 200 deg/s, are kept, with another warning. A third one
+    is that less than half of the frames have ground truth.
     """
     for name, angles in (("estimate", estimate), ("truth", truth)):
         arguments.instance(f"score: {name}", angles, Angles, "a rig.Angles")
@@ -162,6 +163,11 @@ def score(estimate: Angles, truth: Angles) -> Score:
     known = true.at(estimate.time_s)
     off = np.abs(ours.angle_deg - known)
     there, both = np.isfinite(known), np.isfinite(off)
+    if 2 * there.sum() < there.size:
+        _log.warning(
+            "score: %d of %d frames have ground truth: are both times in s and from one zero, and is the "
+            "truth sampled at least every 50 ms?", there.sum(), there.size,
+        )  # fmt: skip
     errors = summarize(off[both]) or ErrorSummary(math.nan, math.nan, math.nan, 0)
     sure = both & np.isfinite(estimate.sigma_deg)
     within = float(np.mean(off[sure] <= 2 * estimate.sigma_deg[sure])) if sure.any() else math.nan
@@ -203,6 +209,8 @@ def _timed(frames: Iterable[Image], seconds: np.ndarray | None, fps: float) -> I
             raise InputError(f"estimate: {len(seconds)} times for more frames: give one time per frame")
         time_s = number / fps if seconds is None else float(seconds[number])
         time = FrameTime(f"{time_s:.9f}", round(time_s * NS_PER_S))
-        yield TimedFrame(f"frame {number}", time, np.asarray(image))
+        frame = np.array(image)  # a copy: the caller may read the next frame into the same array
+        check_frame(frame)
+        yield TimedFrame(f"frame {number}", time, frame)
     if seconds is not None and number + 1 < len(seconds):
         raise InputError(f"estimate: {len(seconds)} times for {number + 1} frames: give one time per frame")

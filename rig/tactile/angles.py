@@ -81,7 +81,7 @@ class Angles:
             ("time_s", time_s), ("angle_deg", angle_deg), ("sigma_deg", sigma_deg),
             ("contact_area_px", area_px),
         ):  # fmt: skip
-            object.__setattr__(self, name, values)
+            object.__setattr__(self, name, values.copy())  # the caller may change its arrays later
 
     @classmethod
     def of(cls, samples: Iterable[SlipSample], source: str = "", zero_ns: int = 0) -> "Angles":

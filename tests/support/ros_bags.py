@@ -29,14 +29,15 @@ def write_bag(
 ) -> Path:
     """Write a bag of images, by topic; return what to open.
 
-    storage: mcap, sqlite3, or ros1. encoding: of raw images, or jpeg or png. Pixels are written as they are,
-    whatever the encoding. times_ns: stamps; headers without stamps if None.
+    storage: mcap, sqlite3, or ros1. encoding: of raw images, or a format that contains jpeg or png. Pixels
+    are written as they are, whatever the encoding. times_ns: stamps; headers without stamps if None.
     """
     store = get_typestore(Stores.ROS1_NOETIC if storage == "ros1" else Stores.ROS2_HUMBLE)
     plugin = StoragePlugin.SQLITE3 if storage == "sqlite3" else StoragePlugin.MCAP
     with Writer1(path) if storage == "ros1" else Writer2(path, version=8, storage_plugin=plugin) as bag:
         for topic, frames in images.items():
-            kind = f"sensor_msgs/msg/{'CompressedImage' if encoding in ('jpeg', 'png') else 'Image'}"
+            packed = "jpeg" in encoding or "png" in encoding
+            kind = f"sensor_msgs/msg/{'CompressedImage' if packed else 'Image'}"
             connection = bag.add_connection(topic, kind, typestore=store)
             for number, image in enumerate(frames):
                 message = _message(store.types, kind, image, encoding, times_ns[number] if times_ns else 0)
@@ -49,8 +50,8 @@ def _message(types: Mapping[str, Any], kind: str, image: Image, encoding: str, t
     fields: dict[str, Any] = {"stamp": types["builtin_interfaces/msg/Time"](*divmod(time_ns, NS_PER_S))}
     header = types["std_msgs/msg/Header"]
     fields |= {"frame_id": "tip"} | ({"seq": 0} if "seq" in header.__dataclass_fields__ else {})
-    if encoding in ("jpeg", "png"):
-        data = encode_png(image) if encoding == "png" else encode_jpeg(image)
+    if kind.endswith("CompressedImage"):
+        data = encode_png(image) if "png" in encoding else encode_jpeg(image)
         return types[kind](header(**fields), encoding, np.frombuffer(data, np.uint8))
     height, width, *_ = image.shape
     data = np.ascontiguousarray(image).ravel()

@@ -46,6 +46,9 @@ arm = UR5e(sys.argv[1], LIMITS, Pose((0, 0, 0.28)), 2.5, (0, 0, 0.08), clock=Sys
 arm.connect()
 motion = arm.move_linear(arm.state().base_T_tcp.translated(z_m=-0.20), 0.25, 1.0)
 if how == "hangs":
+    while motion.progress() < 0.01:
+        time.sleep(0.001)
+    print("hangs", flush=True)
     time.sleep(300)
 if how == "busy":
     mine = open(f"/proc/self/task/{os.getpid()}/children").read().split()
@@ -58,7 +61,8 @@ except Exception as error:
     print(error, flush=True)
 arm.disconnect()
 """
-"""Moves the arm down at the speed of an approach. Its last argument: "looks", "hangs" or "busy"."""
+"""Moves the arm down at the speed of an approach. Its last argument: "looks", "busy", or "hangs": it hangs,
+and prints this word, once the arm moves."""
 
 
 def height_m(controller: URController) -> float:
@@ -110,7 +114,7 @@ def test_crash_of_the_listening_process_is_an_error_until_reconnected(
 
 def test_killed_program_leaves_no_process_and_stops_the_arm(controller: URController) -> None:
     with running(MOVING, controller, "hangs") as program:
-        until(lambda: height_m(controller) < HOME.position_m[2] - 0.001)
+        assert program.stdout.readline() == "hangs\n"
         children = [process_of(controller, name) for name in ("state", "control")]
         program.kill()
     until(lambda: not any(map(exists, children)))
@@ -134,10 +138,11 @@ def test_motion_stops_if_its_program_is_suspended(controller: URController) -> N
 
 
 def test_motion_stops_if_its_program_hangs(controller: URController) -> None:
-    with running(MOVING, controller, "hangs"):
-        until(lambda: height_m(controller) < HOME.position_m[2] - 0.001)
+    with running(MOVING, controller, "hangs") as program:
+        assert program.stdout.readline() == "hangs\n"
+        there = height_m(controller)
         pause(0.5)
-        assert HOME.position_m[2] - height_m(controller) <= 0.020
+        assert there - height_m(controller) <= 0.020
         assert stands(controller)
 
 

@@ -94,6 +94,14 @@ def test_exact_pairs_give_the_exact_transform(setup: Setup) -> None:
     assert np.allclose(result.target.position_m, truth.z.position_m, atol=1e-6)
 
 
+def test_target_behind_the_camera_is_doubted() -> None:
+    _, samples = pose_pairs(0, 20, Setup.EYE_TO_HAND)
+    assert "behind the camera" not in str(paired(samples).assessment)
+    half_turn = Pose((0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0))  # about x, from OpenCV's axes to OpenGL's
+    turned = [replace(s, camera_T_target=half_turn @ s.camera_T_target) for s in samples]
+    assert "axes as OpenCV's, z forward" in str(paired(turned).assessment)
+
+
 def test_flipped_samples_are_left_out_and_named() -> None:
     truth, samples = general_scene(np.random.default_rng(2), 20, flipped=2)
     result = solved(samples)

@@ -139,7 +139,10 @@ def test_opencv_and_ros_files_are_read(tmp_path: Path, real_data: Path) -> None:
     ("old", "new", "seen"),
     [("plumb_bob", "equidistant", "equidistant"), ("500, 0, 320", ".nan, 0, 320", "NaN or infinite"),
      ("image_width", "width", "image_width"), ("500, 0, 320", "-5, 0, 320", "are not valid"),
-     ("1]}", "1, 4]}", "damaged")],
+     ("1]}", "1, 4]}", "damaged"),
+     ("0, 320, 0, 500, 240, 0, 0, 1", "0, 0, 0, 500, 0, 320, 240, 1", "transposed, as MATLAB writes it"),
+     ("500, 0, 320", "500, 2, 320", "has it a skew"), ("500, 0, 320", "500, 0, 960", "of another size"),
+     ("500, 0, 320, 0, 500, 240", "0.8, 0, 0.5, 0, 0.8, 0.5", "both are in px")],
 )  # fmt: skip
 def test_camera_files_are_checked(tmp_path: Path, old: str, new: str, seen: str) -> None:
     (tmp_path / "ros.yaml").write_text(ROS.replace(old, new))

@@ -253,6 +253,12 @@ def test_text_that_is_no_number_or_beyond_its_limits_is_rejected(
     assert parse_time_ns("1e-999999999999999999999") == 0
 
 
+def test_table_with_two_columns_of_one_name_is_rejected() -> None:
+    with pytest.raises(FormatError, match=r"x: has two columns 't_s': remove or rename one"):
+        parse_csv("frame,t_s,t_s\n0,0,5\n1,1,6\n", "x")
+    assert parse_csv("frame,t_s,,\n0,0,,\n", "x").columns == ("frame", "t_s", "", "")
+
+
 def test_error_names_the_place_the_column_and_the_text() -> None:
     with pytest.raises(FormatError, match=r"x\.csv: line 2: column a: '1,5' has a comma"):
         number_in({"a": "1,5"}, "a", "x.csv: line 2")

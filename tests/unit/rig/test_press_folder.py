@@ -51,6 +51,21 @@ def test_circle_drawn_by_hand_replaces_the_one_that_was_found(folder: Path) -> N
         read_press_folder(folder, ball_mm=8.8)
 
 
+@pytest.mark.parametrize(
+    ("circles", "said"),
+    [
+        ("7,100,120,40", "names no picture of"),
+        ("1,100,120,40\n01,90,120,40", "line 3: 01 has a circle"),
+    ],
+)
+def test_circles_of_no_picture_and_two_of_one_picture_are_rejected(
+    folder: Path, circles: str, said: str
+) -> None:
+    draw(folder, circles)
+    with pytest.raises(InputError, match=rf"circles\.csv.*{said}"):
+        read_press_folder(folder, ball_mm=8.8)
+
+
 def test_labels_of_presses_are_their_hand_drawn_circles(folder: Path) -> None:
     draw(folder, "1,100,120,40")
     presses = read_presses(folder)
@@ -70,6 +85,9 @@ def test_untouched_frames_are_read_from_their_folder(folder: Path, tmp_path: Pat
         (untouched / f"{number}.png").write_bytes(encode_png(GEL.frame(np.random.default_rng(number))))
     assert len(read_press_folder(folder, 8.8, untouched=untouched).untouched) == 3
     assert read_press_folder(folder, 8.8).untouched == []
+    (untouched / "3.png").write_bytes(encode_png(np.zeros((32, 24, 3), np.uint8)))
+    with pytest.raises(InputError, match=r"still: has pictures of another size than .*background\.png"):
+        read_press_folder(folder, 8.8, untouched=untouched)
 
 
 def test_cells_without_a_press_are_named() -> None:

@@ -6,10 +6,16 @@ import numpy as np
 import pytest
 
 from calibration.gripper import Direction
+from calibration.hand_eye.solve import Setup
+from calibration.targets.boards import parse_target
+from drivers.errors import InputError
 from rig.calibrate.clocks import sync_from_folder
 from rig.calibrate.gripper import gripper_from_folder
+from rig.calibrate.hand_eye import hand_eye_from_folder
 from rig.calibrate.samples import read_poses, read_stream
 from rig.frames.times import times_from_table
+
+TARGET = parse_target("marker:60:DICT_4X4_50:0")
 
 
 def test_stream_with_exponents_keeps_its_times(tmp_path: Path) -> None:
@@ -36,6 +42,18 @@ def test_times_in_nanoseconds_with_exponents_are_exact(tmp_path: Path) -> None:
     assert np.array_equal(
         read_stream(tmp_path / "x.csv").time_ns, times_ns.astype(np.float64).astype(np.int64)
     )
+
+
+def test_poses_of_another_frame_than_the_tool_are_refused_for_hand_eye(tmp_path: Path) -> None:
+    table = tmp_path / "poses.csv"
+    for frame, said in (("tcp", None), ("flange", r"says 'flange', and base_T_tcp is needed")):
+        table.write_text(f"id,x_m,y_m,z_m,qx,qy,qz,qw,child_frame\n1,0,0,0.3,0,0,0,1,{frame}\n")
+        (tmp_path / "targets.csv").write_text("id,x_m,y_m,z_m,qx,qy,qz,qw\n1,0,0,0.5,0,0,0,1\n")
+        if said is None:
+            assert hand_eye_from_folder(tmp_path, TARGET, None, "C1", Setup.EYE_IN_HAND).used == 0
+        else:
+            with pytest.raises(InputError, match=said):
+                hand_eye_from_folder(tmp_path, TARGET, None, "C1", Setup.EYE_IN_HAND)
 
 
 def test_frame_numbers_with_exponents_are_the_frames(tmp_path: Path) -> None:

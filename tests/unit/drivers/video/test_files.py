@@ -8,11 +8,12 @@ import pytest
 
 from drivers.clock import SystemClock
 from drivers.errors import DeviceError, DeviceTimeoutError, InputError, NotConnectedError, StaleFrameError
-from drivers.images import encode_jpeg
+from drivers.images import encode_jpeg, encode_png
 from drivers.types import Frame
 from drivers.video import reader
 from drivers.video.digit import Digit
 from drivers.video.external_camera import ExternalCamera
+from drivers.video.files import image_files
 from fakes.clock import SimulatedClock
 from support.connected import connected
 from support.frame_files import write_folder, write_video
@@ -115,6 +116,16 @@ def test_sideways_files_of_a_digit_are_rotated_upright(tmp_path: Path) -> None:
     with connected(Digit("D1", RATE_HZ, (48, 64), str(tmp_path))) as digit:
         frame = digit.next_frame(1.0)
     assert np.array_equal(frame.image, np.rot90(IMAGES[frame.sequence]))
+
+
+def test_background_beside_the_images_is_not_played(tmp_path: Path) -> None:
+    for name in ("1.png", "2.png", "background.png"):
+        (tmp_path / name).write_bytes(encode_png(IMAGES[0]))
+    assert [file.name for file in image_files(tmp_path)] == ["1.png", "2.png"]
+    for name in ("1.png", "2.png"):
+        (tmp_path / name).unlink()
+    with pytest.raises(InputError, match=r"background\.png is its only image; give the video of the clip"):
+        image_files(tmp_path)
 
 
 def test_invalid_recording_address_is_rejected_first(tmp_path: Path) -> None:

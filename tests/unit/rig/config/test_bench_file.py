@@ -82,6 +82,11 @@ def test_missing_bench_file_is_named_as_missing(name: str) -> None:
         ("home_m", "hom_m", "did you mean 'home_m'"),
         ("[table]", "[tabel]", "did you mean 'table'"),
         ("focal_px = 640.0", "focal_px = 0", "greater than 0, found 0"),
+        (
+            "focal_px = 640.0",
+            "focal_px = 3.6",
+            "camera.focal_px: is too short for pictures of size_px: is it in mm",
+        ),
         ("frequency_hz = 500", "frequency_hz = nan", "finite"),
         ("max_speed_m_s = 0.5", "max_speed_m_s = 20", "less than or equal to 1"),
         ('preset = "tcp"  ', 'preset = "rtu"  ', "not a map of transport 'tcp'"),

@@ -15,6 +15,7 @@ from calibration.gel.noise import CameraNoise
 from calibration.store import CalibrationFile, save
 from calibration.verdict import Assessment
 from drivers.errors import CalibrationError, SessionError
+from rig.calibrate.kinds import compare_files
 from rig.config import BenchConfig, load_bench
 from rig.config.calibrations import find_calibrations, load_calibrated_bench
 from rig.config.fields import GripperLimitsConfig
@@ -113,7 +114,7 @@ def test_tcp_further_from_the_clamped_tip_than_was_accepted_is_refused(
         assert f"is {1e3 * away_m:.1f} mm from tcp_m" in said[0]
 
 
-def test_calibrations_that_cannot_be_used_are_left_out(tmp_path: Path) -> None:
+def test_calibrations_that_cannot_be_used_are_left_out_and_named(tmp_path: Path) -> None:
     bench = load_bench("fake")
     for name, kind, serials, value, refused in (
         ("tip", "tcp", {"tool": "fake"}, tip_from_tcp(bench, 0.4), ""),
@@ -124,7 +125,18 @@ def test_calibrations_that_cannot_be_used_are_left_out(tmp_path: Path) -> None:
         keep(tmp_path / name, kind, serials, value, refused=refused)
         said: list[str] = []
         assert not find_calibrations(bench, tmp_path / name, said.append).files
-        assert ["calibration not used" in line for line in said] == ([] if refused else [True])
+        assert ["calibration not used" in line and refused in line for line in said] == [True]
+
+
+def test_fixed_camera_and_camera_on_the_tool_are_not_compared(tmp_path: Path) -> None:
+    files = []
+    for setup in ("eye-to-hand", "eye-in-hand"):
+        (tmp_path / setup).mkdir()
+        value = {**PLACE, "setup": setup, "target": PLACE}
+        files.append(keep(tmp_path / setup, "hand-eye", CAMERA_SERIAL, value))
+    assert compare_files(files[0], files[0])["move_mm"] == 0.0
+    with pytest.raises(CalibrationError, match="one is eye-to-hand, the other eye-in-hand"):
+        compare_files(*files)
 
 
 def test_camera_calibration_of_another_serial_or_image_size_is_rejected(tmp_path: Path) -> None:

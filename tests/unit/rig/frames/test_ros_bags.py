@@ -74,6 +74,17 @@ def test_every_encoding_gives_the_colours_that_were_written(tmp_path: Path, enco
     assert image.shape == wanted.shape
 
 
+@pytest.mark.parametrize("pattern", ["bayer_rggb8", "bayer_gbrg8"])
+def test_compressed_mosaic_has_the_colours_of_its_pattern(tmp_path: Path, pattern: str) -> None:
+    mosaics = [encoded(pattern, frame) for frame in FRAMES]
+    packed = write_bag(tmp_path / "png", {TOPIC: mosaics}, encoding=f"{pattern}; png compressed ")
+    raw = write_bag(tmp_path / "raw", {TOPIC: mosaics}, encoding=pattern)
+    for image, wanted in zip(read_frames(packed).images(), read_frames(raw).images(), strict=True):
+        assert np.array_equal(image, wanted)
+    colour = write_bag(tmp_path / "colour", {TOPIC: FRAMES}, encoding=f"{pattern}; png compressed bgr8")
+    assert all(map(np.array_equal, read_frames(colour).images(), FRAMES))
+
+
 def test_lines_with_padding_are_read_without_it(tmp_path: Path) -> None:
     padded = np.zeros((32, 40, 3), np.uint8)
     padded[:, :24] = FRAMES[0]

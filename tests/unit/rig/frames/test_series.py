@@ -56,6 +56,32 @@ def test_images_come_in_the_order_people_count_at_an_assumed_rate_with_a_note(fo
     assert read_frames(folder, fps=60.0).notes == ()
 
 
+def test_background_beside_the_images_is_no_frame(folder: Path) -> None:
+    write(folder / "background.png", grey(200))
+    series = read_frames(folder)
+    assert [f.name for f in series] == ["frame1.png", "frame2.png", "frame10.png"]
+    assert series.notes[-1] == "background.png: the background, not a frame"
+    background, note = make_background(None, series)
+    assert (int(background[0, 0, 0]), note) == (200, "background: the set's own")
+
+
+def test_two_images_of_one_name_are_rejected(folder: Path) -> None:
+    write(folder / "frame2.jpg", grey(2))
+    with pytest.raises(InputError, match=r"frame2\.jpg and frame2\.png: keep one image of"):
+        read_frames(folder)
+
+
+def test_folder_of_a_video_and_a_background_is_a_clip(tmp_path: Path) -> None:
+    video(tmp_path / "clip.avi", [grey(level) for level in (10, 20, 30)])
+    write(tmp_path / "background.png", grey(200))
+    series = read_frames(tmp_path)
+    assert [f.time.text for f in series] == ["0.000000", "0.040000", "0.080000"]
+    assert int(make_background(None, series)[0][0, 0, 0]) == 200
+    (tmp_path / "clip.avi").unlink()
+    with pytest.raises(InputError, match="neither a folder 'frames' nor a video"):
+        read_frames(tmp_path)
+
+
 def test_frames_are_rgb(tmp_path: Path) -> None:
     red = np.zeros((32, 24, 3), np.uint8)
     red[..., 0] = 200

@@ -46,6 +46,7 @@ def test_usual_times_are_used_without_a_note(times_ns: NDArray[np.int64]) -> Non
         (np.r_[0.0, 2.0, 1.0, 3.0], "frame 2 is 1 s before"),
         (EVEN_NS / 1e3, "are the times in microseconds"),
         (EVEN_NS / 1e9 / 3600, "are the times in hours"),
+        (np.r_[0.0, 1.763e9 + EVEN_NS / 1e9], "frame 1 is 2.04e\\+04 days after the previous frame"),
         (100.0 * np.arange(20), "0.01 frames per second by their times, 100 s apart: are the times in ms"),
     ],
 )
@@ -81,6 +82,8 @@ def test_good_stamps_are_used_and_sorted(shift: int) -> None:
         (EPOCH_NS + EVEN_NS // 10**9 * 10**9, "constant, rounded or not in s"),
         (np.r_[EPOCH_NS + EVEN_NS[:30], 1 + EVEN_NS[:30]], "go back"),
         (EPOCH_NS + 10**6 * EVEN_NS, "constant, rounded or not in s"),
+        (np.r_[0, EPOCH_NS + EVEN_NS[1:]], "days apart"),
+        (np.r_[1 + EVEN_NS[:30], EPOCH_NS + EVEN_NS[30:]], "days apart"),
         (EPOCH_NS + EVEN_NS + np.where(np.arange(60) == 20, 3600 * 10**9, 0), "go back"),
     ],
 )

@@ -65,6 +65,26 @@ def test_iterator_of_frames_and_own_class_are_accepted() -> None:
     assert np.abs(np.diff(averaged.angle_deg)).max() < np.abs(np.diff(angles.angle_deg)).max()
 
 
+def test_frames_that_are_read_into_one_array_give_the_same_angles() -> None:
+    # so small that slip does not reduce them, which would copy them
+    background, *frames = (np.ascontiguousarray(image[::4, ::4]) for image in (gel(320, 240), *bars()))
+
+    def into_one_array() -> Iterator[Image]:
+        buffer = np.empty_like(background)
+        for frame in frames:
+            buffer[:] = frame
+            yield buffer
+
+    angles = rig.estimate(into_one_array(), background)
+    assert np.isfinite(angles.angle_deg[-1])
+    np.testing.assert_array_equal(angles.angle_deg, rig.estimate(frames, background).angle_deg)
+
+
+def test_frame_that_is_no_image_is_an_input_error_if_the_background_is_given() -> None:
+    with pytest.raises(InputError, match="give uint8 RGB"):
+        rig.estimate([*bars()[:2], None], gel(320, 240))  # type: ignore[list-item]
+
+
 def test_error_of_own_class_names_its_line() -> None:
     class Failing(Brightness):
         def update(self, image: Image, time_ns: int) -> SlipSample:
@@ -96,6 +116,16 @@ def test_invalid_arguments_are_input_errors() -> None:
         rig.estimate([gel(90, 60)], empty)
 
 
+def test_angles_keep_their_values_if_the_given_arrays_change() -> None:
+    given = np.array([0.0, 1.0]), np.array([3.0, 4.0]), np.array([0.1, 0.2])
+    angles = rig.Angles(*given)
+    for values in given:
+        values[:] = 7.0
+    assert angles.time_s.tolist() == [0.0, 1.0]
+    assert angles.angle_deg.tolist() == [3.0, 4.0]
+    assert angles.sigma_deg.tolist() == [0.1, 0.2]
+
+
 def test_angles_validate_their_shapes() -> None:
     angles = rig.Angles([0, 1, 2], [3.0, float("nan"), 4.0])  # type: ignore[arg-type]
     assert angles.time_s.dtype == np.float64
@@ -122,6 +152,17 @@ def test_score_counts_frames_that_both_have() -> None:
     assert rig.score(rig.Angles(times, angles, np.full(100, 0.2)), truth).within_two_sigma == 0.0
     nothing = rig.score(rig.Angles(times + 100, angles), truth)
     assert (nothing.frames, np.isnan(nothing.mean_deg)) == (0, True)
+
+
+def test_score_with_little_ground_truth_is_logged(caplog: pytest.LogCaptureFixture) -> None:
+    times = np.arange(0.0, 1.0, 0.01)
+    angles = rig.Angles(times, 10 * times)
+    rig.score(angles, rig.Angles(times[10:90], 10 * times[10:90]))
+    assert not caplog.messages
+    for truth in (rig.Angles(1e3 * times, 10 * times), rig.Angles(times[::10], 10 * times[::10])):
+        caplog.clear()
+        score = rig.score(angles, truth)
+        assert caplog.messages[0].startswith(f"score: {score.frames} of 100 frames have ground truth")
 
 
 def board_views(count: int) -> tuple[list[np.ndarray], list[np.ndarray]]:

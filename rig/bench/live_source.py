@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Sequence
+from itertools import pairwise
 from pathlib import Path
 
 import cv2
@@ -10,6 +11,7 @@ from drivers.clock import NS_PER_S, Clock, SystemClock
 from drivers.errors import DeviceError, InputError, no_such, without_passwords
 from drivers.formats import read_csv_rows, time_ns_in
 from drivers.interfaces import FrameSource
+from drivers.tally import LONGEST_STEP_NS
 from drivers.video.digit import Digit
 from drivers.video.external_camera import ExternalCamera, GelSightMini
 from drivers.video.reader import AddressedSource
@@ -20,6 +22,8 @@ SENSORS = ("digit", "gelsight-mini", "plain")
 FAKE = "fake"
 FILE_RATE_HZ = 60.0
 """Of a folder of images, as `rig estimate` assumes."""
+LEAST_HZ = 0.1
+"""Lowest frame rate of a clip, that of --fps."""
 CLIP_FRAMES, CLIP_TIMES = "frames", "timestamps.csv"
 """Folder of the images of a clip, and table of their times, as in `rig.frames.clips`."""
 _SOURCES = (
@@ -124,15 +128,28 @@ def _check_device(node: Path) -> None:
 
 
 def _own_rate(path: Path) -> float:
-    """Return the frame rate of a video, or the mean one of a clip with times, in Hz; else `FILE_RATE_HZ`."""
+    """Return the frame rate of a video, or the mean one of a clip with times, in Hz; else `FILE_RATE_HZ`.
+
+    Pauses of a clip do not count, as those of a sensor that was unplugged. Raises `InputError` for times that
+    cannot be s.
+    """
     if path.is_dir():
         times = path.parent / CLIP_TIMES
         if path.name != CLIP_FRAMES or not times.is_file():
             return FILE_RATE_HZ
         rows = read_csv_rows(times, ("t_s",))
         times_ns = [time_ns_in(row, "t_s", f"{times}: line {line}") for line, row in rows]
-        span_ns = times_ns[-1] - times_ns[0] if times_ns else 0
-        return (len(times_ns) - 1) * NS_PER_S / span_ns if span_ns > 0 else FILE_RATE_HZ
+        steps_ns = [later - earlier for earlier, later in pairwise(times_ns)]
+        steps_ns = [step_ns for step_ns in steps_ns if step_ns <= LONGEST_STEP_NS] or steps_ns
+        if sum(steps_ns) <= 0:
+            return FILE_RATE_HZ
+        rate_hz = len(steps_ns) * NS_PER_S / sum(steps_ns)
+        if rate_hz < LEAST_HZ:
+            raise InputError(
+                f"{times}: {rate_hz:.2g} frames per second by its times: are they in ms? Give times in s, or "
+                "a frame rate (--fps)"
+            )
+        return rate_hz
     capture = cv2.VideoCapture(str(path))
     try:
         rate_hz = float(capture.get(cv2.CAP_PROP_FPS))

@@ -268,13 +268,16 @@ def desk_of(
         raise InputError("--gel is for one sensor: leave it out, or give one source")
     choice = choose_estimator(options.estimator, gel=options.gel)
     require_frames_suffice(choice)
-    background = options.background
-    if background is None and len(texts) == 1 and Path(texts[0]).is_dir():
-        background = clip_background(Path(texts[0]))
+    files = [
+        clip_background(Path(text))
+        if options.background is None and Path(text).is_dir()
+        else options.background
+        for text in texts
+    ]
     settings = DeskSettings(
         choice,
         signs=(1, 1) if options.same_side else (1, -1),
-        background=None if background is None else read_image(background),
+        backgrounds=tuple(None if file is None else read_image(file) for file in files),
         aspect=options.pixel_aspect,
         clips=clips,
         serials=tuple(map(serial_of, texts)),
@@ -349,6 +352,7 @@ def _terminal() -> "Iterator[Callable[[Reading], None]]":
     """Yield a function that prints a line per sensor: updated on a terminal, else a new one every second."""
     from rich.live import Live
 
+    from rig.live.feed import NO_FRAMES
     from rig.terminal.tables import PlainConsole
 
     lines, due_ns, console = dict[str, str](), dict[str, int](), PlainConsole()
@@ -356,7 +360,7 @@ def _terminal() -> "Iterator[Callable[[Reading], None]]":
     every_ns = to_ns(PLAIN_EVERY_S if display is None else TERMINAL_EVERY_S)
 
     def show(reading: "Reading") -> None:
-        if reading.time_ns < due_ns.get(reading.name, 0):
+        if reading.time_ns < due_ns.get(reading.name, 0) and reading.state != NO_FRAMES:
             return
         due_ns[reading.name], lines[reading.name] = reading.time_ns + every_ns, reading.line()
         if display is None:

@@ -49,6 +49,10 @@ class NewestFrames:
         while self.frames[0].time_ns < oldest_ns or self._bytes > MOST_SAVED_BYTES:
             self._bytes -= _size(self.frames.popleft())
 
+    def since(self, time_ns: int) -> list[Frame]:
+        """Return the frames that were captured at or after a time."""
+        return [frame for frame in self.frames if frame.time_ns >= time_ns]
+
 
 def _size(frame: Frame) -> int:
     return frame.image.nbytes + len(frame.jpeg or b"")

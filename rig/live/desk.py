@@ -33,7 +33,17 @@ from rig.frames.estimates import require_frames_suffice
 from rig.frames.streaming import StreamingEstimator
 from rig.lift.object_angle import FusedAngles
 from rig.live.clip_writer import SAVED_S, ClipWriter, NewestFrames, clip_folder
-from rig.live.feed import ESTIMATOR, MARK, OBJECT, RECORD, REFERENCE, SAVE, TAKE_BACKGROUND, Sender
+from rig.live.feed import (
+    ESTIMATOR,
+    MARK,
+    NO_FRAMES,
+    OBJECT,
+    RECORD,
+    REFERENCE,
+    SAVE,
+    TAKE_BACKGROUND,
+    Sender,
+)
 from rig.live.observer import PICTURE_LONG_SIDE_PX, small_jpeg
 from rig.live.sensor_background import SensorBackground
 from rig.tactile.contact.finder import ContactFinder
@@ -43,6 +53,7 @@ from rig.tactile.sample import SlipSample, State, check_frame
 LATEST_S = 0.3
 """Frames that wait longer are skipped and counted as dropped, so that the angle is never late."""
 FRAME_TIMEOUT_S = 1.0
+"""Time without a frame after which a sensor is reported, unless two of its frames take longer."""
 NO_REFERENCE = "no reference yet"
 """State of the object while its sensors track a contact that has no reference."""
 OUTLINE_EVERY_S = 0.05
@@ -64,11 +75,12 @@ SAVE_PAUSE_S, SAVE_PAUSES, LATE_S = 0.003, 20, 0.05
 class Reading:
     """The result for one frame of a sensor, or the fused angle of the object.
 
-    sample: None while the background is taken or the estimator is prepared. fps: frame rate from capture
-    times, None at first. latency_s: time from capture to the angle. dropped: number of lost or skipped
-    frames. zero_s: time of the frame whose angle is 0, None without a reference. background: its origin.
-    doubt: why the background is doubtful, else empty. outline: of the contact, (N, 2) px, x right and y down.
-    frame: None for the object. slips_s: capture times at which the slip alarm was raised, s.
+    sample: None while the background is taken or the estimator is prepared, and if no frames arrive. fps:
+    frame rate from capture times, None at first and if no frames arrive. latency_s: time from capture to the
+    angle. dropped: number of lost or skipped frames. zero_s: time of the frame whose angle is 0, None without
+    a reference. background: its origin. doubt: why the background is doubtful, else empty. outline: of the
+    contact, (N, 2) px, x right and y down. frame: None for the object, and if no frames arrive. slips_s:
+    capture times at which the slip alarm was raised, s.
     """
 
     name: str
@@ -145,7 +157,9 @@ class DeskSensor:
         self.news = ""
         """News about the background, or that the sensor has frozen, in the newest frame, for the user."""
         self.slip = False
-        """Whether the slip alarm was on at the newest frame."""
+        """Whether the slip alarm was on at the newest frame; False if no frames arrive."""
+        self.reading: Reading | None = None
+        """That of the newest frame; None if no frames arrive."""
         self.prepared: Callable[[], bool] = lambda: True
         """Whether the estimator can be made without a wait for its loops."""
         self._choice, self._sign, self._aspect = choice, sign, aspect
@@ -193,7 +207,8 @@ class DeskSensor:
         slips_s = () if self.stream is None else self.stream.slips_s
         origin, doubt = self.background.origin, self.background.doubt
         figures = (fps, late_s, self.dropped, zero_s, origin, doubt, self._outline, frame, slips_s)
-        return Reading(self.name, frame.time_ns, state, sample, *figures)
+        self.reading = Reading(self.name, frame.time_ns, state, sample, *figures)
+        return self.reading
 
     def made(self, choice: EstimatorChoice) -> StreamingEstimator | None:
         """Make an estimator for this sensor, to `choose` it; return None while the background is taken.
@@ -248,15 +263,16 @@ class DeskSensor:
 class DeskSettings:
     """Settings of a desk.
 
-    signs: factor from each sensor's image angle to the object angle, +1 or -1. background, aspect: see
-    `DeskSensor`. clips: folder in which clips are recorded. serials: of the sensors, in the order of the
-    sources; None for a source without one. simulated: whether a source is simulated. estimators: names that
-    the user can choose from; others are refused, because a foreign name would be imported.
+    signs: factor from each sensor's image angle to the object angle, +1 or -1. backgrounds: of the sensors,
+    in the order of the sources; None to take one from the first frames. aspect: see `DeskSensor`. clips:
+    folder in which clips are recorded. serials: of the sensors, in the order of the sources; None for a
+    source without one. simulated: whether a source is simulated. estimators: names that the user can choose
+    from; others are refused, because a foreign name would be imported.
     """
 
     choice: EstimatorChoice
     signs: tuple[int, ...] = (1, -1)
-    background: Image | None = None
+    backgrounds: tuple[Image | None, ...] = (None, None)
     aspect: float | None = None
     clips: Path = Path("clips")
     serials: tuple[str | None, ...] = (None, None)
@@ -284,9 +300,11 @@ class Desk:
         self._clock = clock or SystemClock()
         self.sensors = {
             source.serial: DeskSensor(
-                source.serial, settings.choice, sign, settings.background, settings.aspect, serial
+                source.serial, settings.choice, sign, background, settings.aspect, serial
             )
-            for source, sign, serial in zip(sources, settings.signs, settings.serials, strict=False)
+            for source, sign, background, serial in zip(
+                sources, settings.signs, settings.backgrounds, settings.serials, strict=False
+            )
         }
         self.notice = ""
         self.fault: str | None = None
@@ -320,7 +338,7 @@ class Desk:
             raise
         for thread in self._threads:
             thread.start()
-        if self._settings.background is None:
+        if any(sensor.background.collecting for sensor in self.sensors.values()):
             self._say("taking the background: nothing may touch the gel")
         return self
 
@@ -349,19 +367,27 @@ class Desk:
     def step(self, timeout_s: float = 0.1) -> list[Reading]:
         """Process the next frame of any sensor; return its reading and, with two sensors, that of the object.
 
-        The list is empty if no frame arrived in time or a source ended, see `ended`. Raises `DeviceError` if
-        a sensor fails.
+        The list is empty if no frame arrived in time or a source ended, see `ended`. If a sensor has sent no
+        frame for `FRAME_TIMEOUT_S`, it has one reading in the state `NO_FRAMES`. Raises `DeviceError` if a
+        sensor fails.
         """
         self._show_saved()
         try:
             name, frame = self._frames.get(timeout=timeout_s)
         except queue.Empty:
             return []
-        if isinstance(frame, DeviceError):
-            self._open -= not isinstance(frame, DeviceTimeoutError)
-            self._say(f"{frame}; {self.sensors[name].summary}")
-            return []
         sensor = self.sensors[name]
+        if isinstance(frame, DeviceError):
+            before, sensor.reading, sensor.slip = sensor.reading, None, False
+            self._say(f"{frame}; {sensor.summary}")
+            if not isinstance(frame, DeviceTimeoutError):
+                self._open -= 1
+                return []
+            if before is None:
+                return []
+            silent = replace(before, state=NO_FRAMES, sample=None, fps=None)
+            self._show(silent)
+            return [replace(silent, frame=None)]
         if self._sender.pictures:  # only a page can ask for them
             sensor.newest.add(frame)
         if sensor.clip is not None:
@@ -436,7 +462,10 @@ class Desk:
         """Write the newest frames of each sensor into a clip, in a thread that delays no estimate."""
         if self._saving is not None and self._saving.is_alive():
             raise InputError("save: wait until the clip before is saved")
-        clips = [(self._clip(s, SAVE), list(s.newest.frames)) for s in self.sensors.values()]
+        sensors = self.sensors.values()
+        # frames of a sensor that is unplugged may be older than those of the other one
+        newest_ns = max((s.newest.frames[-1].time_ns for s in sensors if s.newest.frames), default=0)
+        clips = [(self._clip(s, SAVE), s.newest.since(newest_ns - to_ns(SAVED_S))) for s in sensors]
         self._saving = threading.Thread(target=self._write, args=(clips, list(self._marks)))
         self._saving.start()
         return f"saving the last {SAVED_S:.0f} s"
@@ -540,11 +569,12 @@ class Desk:
 
     def _wait(self, source: FrameSource) -> None:
         """Pass on a source's frames until it ends or the desk is closed; runs in a separate thread."""
+        timeout_s = max(FRAME_TIMEOUT_S, 2.0 / source.rate_hz)
         while not self._stopping.is_set():
             try:
-                frame = source.next_frame(FRAME_TIMEOUT_S)
+                frame = source.next_frame(timeout_s)
                 if not source.waits and self._clock.now_ns() - frame.time_ns > to_ns(LATEST_S):
-                    frame = source.newest_frame(FRAME_TIMEOUT_S)
+                    frame = source.newest_frame(timeout_s)
             except StaleFrameError:
                 continue
             except DeviceError as error:

@@ -17,6 +17,8 @@ from typing import Any
 
 OBJECT = "object"
 """Name under which the angle of the object, from two sensors on a desk, is shown beside the sensors."""
+NO_FRAMES = "no frames"
+"""State of a sensor from which no frames arrive, as if its cable is unplugged."""
 REFERENCE, TAKE_BACKGROUND, RECORD, SAVE = "reference", "background", "record", "save"
 ESTIMATOR, MARK = "estimator", "mark"
 """Actions of the page of `rig live`, which its desk carries out; `estimator` is followed by a name, `mark` by

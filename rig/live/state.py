@@ -12,7 +12,7 @@ from datetime import datetime
 from typing import Any
 
 from drivers.clock import NS_PER_S
-from rig.live.feed import OBJECT, Message
+from rig.live.feed import NO_FRAMES, OBJECT, Message
 from rig.terminal.onlookers import Event
 
 RECORD_HEAD = struct.Struct(">II")
@@ -37,6 +37,8 @@ SENT_POINTS = 2000
 """Most points per sensor in one record, so that a long history delays no new frame."""
 WITH_CONTACT = ("tracking", "rekeyed", "unobservable", "lost")
 """States of an estimate with contact, see `rig.tactile.sample.State`."""
+UNKNOWN = ("frozen", NO_FRAMES)
+"""States in which it is unknown whether there is a contact."""
 SILENT_S = 3.0
 """Images of one process are shown; after this time without an image, those of another process."""
 
@@ -50,6 +52,7 @@ class SensorOnPage:
 
     points: per frame, see `take`. added: total number of points so far. pictures: time in s and record of
     each kept image, see `RECORD_HEAD`, with the outline of the contact; `forgotten` images came before them.
+    contact: whether there was a contact when it was known last.
     """
 
     reading: dict[str, Any] = field(default_factory=dict)
@@ -59,6 +62,7 @@ class SensorOnPage:
     pictures: deque[tuple[float, bytes]] = field(default_factory=deque)
     forgotten: int = 0
     picture_bytes: int = 0
+    contact: bool = False
 
     def take(self, message: Message) -> None:
         """Add a reading to the history.
@@ -78,6 +82,7 @@ class SensorOnPage:
             self.pictures.append((time_s, record))
             self.picture_bytes += len(record)
         self.reading, self.picture = values, message.picture
+        self.contact = self.contact_in(values["state"])
         angle, sigma, rate = (_short(values[key]) for key in ("angle_deg", "sigma_deg", "rate_deg_s"))
         marks = values["zero_s"], values["dropped"]
         state = sys.intern(values["state"])
@@ -90,8 +95,12 @@ class SensorOnPage:
     def keeps_image(self, time_s: float, state: str) -> bool:
         """Whether the next frame's image is kept: `PICTURES_PER_S`, and where contact begins or ends."""
         last_s = self.pictures[-1][0] if self.pictures else -1.0
-        changed = (state in WITH_CONTACT) != (self.reading.get("state") in WITH_CONTACT)
+        changed = self.contact_in(state) != self.contact
         return changed or int(round(time_s, TIME_DIGITS) * PICTURES_PER_S) > int(last_s * PICTURES_PER_S)
+
+    def contact_in(self, state: str) -> bool:
+        """Whether there is a contact in the next frame; if its state does not show it, as before."""
+        return self.contact if state in UNKNOWN else state in WITH_CONTACT
 
     def since(self, known: int) -> tuple[dict[str, Any], int]:
         """Return the reading and the points after the first `known`, as JSON values, and the number known.
@@ -137,11 +146,14 @@ class History:
         """Add the reading of a sensor, with the events between it and the reading before."""
         name = message.values["sensor"]
         sensor = self.sensors.setdefault(name, SensorOnPage())
-        before = sensor.reading
+        before, contact = sensor.reading, sensor.contact
         sensor.take(message)
-        if name != OBJECT:
-            for text, time_s, count in _events(before, message.values):
-                self.add_event(text, time_s, name, count)
+        if name == OBJECT:
+            return
+        if sensor.contact != contact:
+            self.add_event("contact" if sensor.contact else "contact ended", message.values["t_s"], name)
+        for text, time_s, count in _events(before, message.values):
+            self.add_event(text, time_s, name, count)
 
     def add_event(self, text: str, time_s: float, sensor: str = "", count: int = 1) -> None:
         """Add an event, or count it with one of the same text and sensor less than `MERGED_S` before."""
@@ -162,10 +174,12 @@ ZERO = "zero"
 
 
 def _events(before: dict[str, Any], now: dict[str, Any]) -> Iterator[tuple[str, float, int]]:
-    """Yield text, time in s and count of the events between two readings of a sensor; the first may be {}."""
-    contact = now["state"] in WITH_CONTACT
-    if contact != (before.get("state") in WITH_CONTACT):
-        yield "contact" if contact else "contact ended", now["t_s"], 1
+    """Yield text, time in s and count of the events between two readings of a sensor; the first may be {}.
+
+    Where a contact begins or ends is no part of it.
+    """
+    if now["state"] in UNKNOWN and now["state"] != before.get("state"):
+        yield now["state"], now["t_s"], 1
     if now["zero_s"] not in (None, before.get("zero_s")):
         yield ZERO, now["zero_s"], 1
     if now["slip"] and not before.get("slip"):

@@ -88,4 +88,4 @@ def _link(text: str, folder: Path, page: Path) -> str:
     if not report.is_file():
         return named
     place = Path(os.path.relpath(report, page.parent)).as_posix()
-    return Markup('<a href="{}">{}</a>').format(quote(place), named)
+    return Markup('<a href="{}">{}</a>').format(quote(os.fsencode(place)), named)

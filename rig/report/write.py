@@ -118,7 +118,7 @@ def write_page(path: Path, html: str) -> None:
         raise InputError(f"{path} is a folder: give the page a name with --out {path / REPORT}")
     if not path.parent.is_dir():
         raise InputError(f"{path.parent}: no such folder; make it, or choose another --out")
-    write_file(path, html.encode("utf-8"))
+    write_file(path, html.encode("utf-8", "replace"))  # a folder's name need not be UTF-8
 
 
 def _written(path: Path, page: ReportPage, problems: Sequence[str], figures: Path | None) -> Written:

@@ -5,6 +5,7 @@ the session.
 """
 
 import json
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
@@ -204,6 +205,10 @@ def json_lines(found: Sequence[Judged]) -> str:
     return "".join(json.dumps(asdict(one)) + "\n" for one in found)
 
 
+_NOT_IN_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
+"""Characters that XML cannot contain (XML 1.0, section 2.2); a folder's name may have them."""
+
+
 def junit_xml(found: Sequence[Judged], session: str) -> str:
     """Return the figures as test cases of JUnit's XML, which CI systems show."""
     missed = sum(not one.met for one in found)
@@ -215,4 +220,5 @@ def junit_xml(found: Sequence[Judged], session: str) -> str:
         if not one.met:
             ElementTree.SubElement(case, "failure", message=str(one))
     ElementTree.indent(suite)
-    return ElementTree.tostring(suite, encoding="unicode", xml_declaration=True) + "\n"
+    text = ElementTree.tostring(suite, encoding="unicode", xml_declaration=True) + "\n"
+    return _NOT_IN_XML.sub("\ufffd", text)

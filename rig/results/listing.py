@@ -47,7 +47,7 @@ class SessionEntry:
     problem: why the session is broken; None if it is not. done: number of accepted lifts of a trial, or poses
     of a recording. mare: over phases B and C, of the session's own estimator; None without any error.
     contact_area_px: median area of the contacts by serial, of lifts or images; empty for replays.
-    limits_missed: number of figures that miss their limit; None without limits.
+    limits_missed: number of figures that miss their limit; None without limits or without a lift.
     """
 
     folder: Path
@@ -207,7 +207,7 @@ def _entry(folder: Path, sizes: Mapping[str, int], manifest: AnyManifest, quick:
         rows, problems = rows_and_problems(folder / RESULTS[manifest.kind], LIFTS)
         lifts = finished(rows)
         done, mare = len(lifts), mare_of(lift.re for lift in lifts)
-        if limits := manifest.config.limits:
+        if lifts and (limits := manifest.config.limits):
             missed = sum(not one.met for one in judged(limits, rows, read_timing(folder)))
         areas = [area for lift in lifts for area in lift.contact_area_px.items()]
         # The folder of all recordings is deleted to free the disk; a single missing one is damage.

@@ -6,7 +6,7 @@ import re
 import signal
 import subprocess
 import sys
-from contextlib import suppress
+from contextlib import ExitStack, closing, suppress
 from itertools import pairwise
 from pathlib import Path
 from urllib.request import Request, urlopen
@@ -15,8 +15,9 @@ import numpy as np
 import pytest
 
 from drivers.images import encode_png
-from drivers.types import Image
-from rig.cli.live import LiveOptions, _stored
+from drivers.types import Frame, Image
+from rig.cli.live import DeskOptions, LiveOptions, _stored, desk_of
+from rig.live.clip_writer import ClipWriter
 from rig.live.feed import OBJECT
 from rig.live.state import WITH_CONTACT
 from rig.report.session import find_lift
@@ -49,6 +50,18 @@ def test_json_has_an_object_per_frame_until_the_file_ends(clip: Path) -> None:
     )  # fmt: skip
     assert {line["state"] for line in lines} >= {"no_contact", "tracking"}
     assert "all 165 images have been played" in done.stderr
+
+
+def test_each_of_two_clips_has_its_own_background(tmp_path: Path) -> None:
+    clips = [tmp_path / "left", tmp_path / "right"]
+    for number, folder in enumerate(clips):
+        image = np.full((64, 48, 3), 50 + number, np.uint8)
+        with closing(ClipWriter(folder, image, {})) as clip:
+            clip.add(Frame(image, 0, 0, "D"))
+    with ExitStack() as stack:
+        desk = desk_of(DeskOptions([str(folder) for folder in clips]), stack)
+    given = [sensor.background.image for sensor in desk.sensors.values()]
+    assert [int(image.max()) for image in given if image is not None] == [50, 51]
 
 
 def test_file_waits_for_the_estimator_and_its_summary_counts_every_frame(clip: Path) -> None:

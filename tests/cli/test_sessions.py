@@ -159,11 +159,14 @@ def test_page_of_sessions_links_to_reports_and_escapes_names(named: Path, tmp_pa
 
 def test_estimator_refused_lifts_and_limits_are_listed(named: Path, tmp_path: Path) -> None:
     shutil.copytree(named, tmp_path / "all")
-    for name, upper in (("s0", 0.0), ("s1", 90.0)):
+    for name, figure, upper in (
+        ("s0", "mare_deg", 0.0), ("s1", "mare_deg", 90.0), ("s2", "re_max_deg", 0.0),
+    ):  # fmt: skip
         file = tmp_path / "all" / name / "session.json"
         manifest = json.loads(file.read_text())
-        manifest["config"]["limits"] = [{"figure": "mare_deg", "upper": upper}]
+        manifest["config"]["limits"] = [{"figure": figure, "upper": upper}]
         file.write_text(json.dumps(manifest))
+    (tmp_path / "all/s2/lifts.jsonl").write_text("")  # its first lift is not finished
     done = rig("sessions", tmp_path / "all", "--json")
     found = json.loads(done.stdout)["sessions"]
     assert [entry["limits_missed"] for entry in found] == [1, 0, None]

@@ -22,6 +22,7 @@ import pytest
 from drivers.images import encode_jpeg
 from rig.live.clip_writer import ClipWriter
 from rig.live.feed import Sender
+from rig.live.state import KEPT_PICTURE_BYTES, PICTURES_PER_S
 from rig.live.watch import WatchPage, watch_address
 from support.browser import FLAWS, NEEDS_CHROMIUM, SEEN, Browser
 from support.desk_frames import desk_frames
@@ -362,6 +363,22 @@ def test_history_is_scrubbed_events_lead_to_their_moment_and_live_goes_on(
     browser.key("Escape")
     assert browser.value("document.getElementById('meaning').hidden")
     assert [line for line in browser.said() if "getImageData" not in line] == [], "but for our reading pixels"
+
+
+@NEEDS_CHROMIUM
+def test_moment_whose_image_is_not_kept_any_more_shows_none(shown: Shown) -> None:
+    noise = np.random.default_rng(0).integers(0, 256, (240, 320, 3), np.uint8)
+    large = encode_jpeg(noise, 90)
+    for _ in range(KEPT_PICTURE_BYTES // len(large) + 20):
+        shown.time_s += 1.0 / PICTURES_PER_S
+        shown.send(1, "tracking", 5.0, picture=large, zero_s=1.0)
+    shown.chart()
+    opaque = "document.querySelector('canvas').getContext('2d').getImageData(9, 9, 1, 1).data[3]"
+    until(lambda: shown.browser.value(opaque) == 255, LIMIT_S)
+    pressed_keys(shown, "Home")
+    until(lambda: shown.browser.value(opaque) == 0, LIMIT_S)
+    pressed_keys(shown, "End")
+    until(lambda: shown.browser.value(opaque) == 255, LIMIT_S)
 
 
 @NEEDS_CHROMIUM

@@ -145,11 +145,16 @@ def test_clip_runs_at_the_mean_rate_of_its_times(tmp_path: Path) -> None:
     assert CLIP_TIMES == TIMES
     for text, rate_hz in (
         ("frame,t_s\n0.png,3.0\n1.png,3.04\n2.png,3.08\n", 25.0),
+        ("frame,t_s\n0.png,3.0\n1.png,3.04\n2.png,3.08\n3.png,63.0\n4.png,63.04\n", 25.0),  # a pause
         ("frame,t_s\n", 60.0),
         ("frame,t_s\n0.png,3.0\n1.png,3.0\n", 60.0),
     ):
         (tmp_path / TIMES).write_text(text)
         assert live_sources([str(tmp_path)], None, None)[0].rate_hz == pytest.approx(rate_hz)
+    (tmp_path / TIMES).write_text("frame,t_s\n0.png,0\n1.png,40\n2.png,80\n")
+    with pytest.raises(InputError, match=r"timestamps.csv: 0.025 frames per second .* in ms\?"):
+        live_sources([str(tmp_path)], None, None)
+    assert live_sources([str(tmp_path)], None, 25.0)[0].rate_hz == 25.0
     (tmp_path / TIMES).write_text("frame,t_s\n0.png,now\n")
     with pytest.raises(FormatError, match=r"line 2.*t_s"):
         live_sources([str(tmp_path)], None, None)

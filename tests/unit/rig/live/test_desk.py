@@ -11,14 +11,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drivers.clock import SystemClock
-from drivers.errors import DeviceError, InputError
+from drivers.clock import NS_PER_S, SystemClock
+from drivers.errors import DeviceError, DeviceTimeoutError, InputError
 from drivers.types import Frame, Image
 from rig.frames.estimates import Estimation
 from rig.frames.series import read_frames
 from rig.live import clip_writer
 from rig.live.desk import Desk, DeskSensor, DeskSettings, Reading
-from rig.live.feed import OBJECT, Inbox, Listener, Sender
+from rig.live.feed import NO_FRAMES, OBJECT, Inbox, Listener, Sender
 from rig.live.sensor_background import BACKGROUND_FRAMES, store_background, stored_background
 from rig.tactile.estimators import choose_estimator
 from support.desk_frames import GivenFrames, desk_digit, desk_frames
@@ -113,6 +113,50 @@ def test_clip_has_the_frames_unchanged_and_gives_the_angles_of_the_live_view(
     turns = [s - a for s, a in zip(seen, again, strict=True) if s is not None and a is not None]
     assert len(turns) > 60
     assert np.ptp(turns[-40:]) < 1e-4, "the same angles, but for the zero and single precision"
+
+
+class Unplugged(GivenFrames):
+    """After its last frame no further ones arrive."""
+
+    def next_frame(self, timeout_s: float) -> Frame:
+        if not self._frames:
+            raise DeviceTimeoutError(f"{self.serial}: no frame within 1 s")
+        return super().next_frame(timeout_s)
+
+
+def test_slip_alarm_of_the_object_ends_if_the_sensor_that_raised_it_is_unplugged() -> None:
+    untouched = list(desk_frames(2.9))
+    other = [
+        replace(untouched[n % len(untouched)], time_ns=untouched[0].time_ns + n * NS_PER_S // 30, sequence=n)
+        for n in range(300)
+    ]
+    sources = [Unplugged(list(desk_frames(6.6)), "D1"), GivenFrames(other, "D2")]
+    found: list[Reading] = []
+    with Desk(sources, DeskSettings(SLIP), Sender()) as desk:
+        while not (found and found[-1].state == NO_FRAMES):
+            found += desk.step()
+        silent, slips = found[-1], [r.sample.slip for r in found if r.name == OBJECT and r.sample]
+        assert slips[-1], "the object slips when the sensor is unplugged"
+        after = [r for _ in range(20) for r in desk.step()]
+    assert (silent.name, silent.sample, silent.frame) == ("D1", None, None)
+    assert silent.line().startswith("D1: angle     -    , no frames")
+    assert [r.state for r in after if r.name == "D1"] == [], "it is reported once"
+    slips = [r.sample.slip for r in after if r.name == OBJECT and r.sample]
+    assert slips
+    assert not any(slips)
+
+
+def test_saved_frames_of_a_sensor_that_was_unplugged_are_of_the_last_30_s_too(tmp_path: Path) -> None:
+    image = next(desk_frames(2.1)).image
+    settings = DeskSettings(ELLIPSE, backgrounds=(image, image), clips=tmp_path)
+    desk = Desk([GivenFrames([], "D1"), GivenFrames([], "D2")], settings, Sender())
+    for name, seconds in (("D1", range(20)), ("D2", range(40))):
+        for second in seconds:
+            desk.sensors[name].newest.add(Frame(image, second * NS_PER_S, second, name))
+    with desk:
+        desk.act("save")
+    counts = {folder.name[18:]: len(list((folder / "frames").iterdir())) for folder in tmp_path.iterdir()}
+    assert counts == {"D1": 11, "D2": 31}
 
 
 @pytest.mark.slow

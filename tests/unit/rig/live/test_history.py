@@ -13,7 +13,7 @@ from rig.frames.estimates import Estimation
 from rig.frames.series import read_frames
 from rig.live import state
 from rig.live.clip_writer import MARKS, ClipWriter
-from rig.live.feed import OBJECT, Message
+from rig.live.feed import NO_FRAMES, OBJECT, Message
 from rig.live.state import (
     HISTORY_S,
     KEPT_EVENTS,
@@ -166,6 +166,20 @@ def test_events_follow_from_the_readings() -> None:
         ("frames dropped", 7.0, 1),
     ]
     assert {event["sensor"] for event in history.events} == {"D1"}, "the object repeats its sensors' events"
+
+
+@pytest.mark.parametrize("unknown", ["frozen", NO_FRAMES])
+def test_contact_does_not_end_while_the_sensor_shows_no_new_picture(unknown: str) -> None:
+    history = History()
+    states = ["no_contact", "tracking", unknown, unknown, "tracking", "no_contact", unknown, "no_contact"]
+    for number, name in enumerate(states):
+        history.take(message(2.0 * number, state=name))
+    assert texts(history) == [
+        ("contact", 2.0, 1),
+        (unknown, 4.0, 1),
+        ("contact ended", 10.0, 1),
+        (unknown, 12.0, 1),
+    ]
 
 
 def test_list_of_events_is_bounded() -> None:

@@ -1,6 +1,7 @@
 """Limits: read from files, checked by name, unit and object, and compared with lifts and session."""
 
 import json
+import os
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -11,6 +12,7 @@ import pytest
 from drivers.errors import InputError
 from rig.config import load_bench
 from rig.config.models import LimitConfig
+from rig.report.write import write_page
 from rig.results.limits import checked_limits, json_lines, judged, junit_xml, limit_rows, read_limits
 from rig.sessions.records import ClockLag, ErrorSummary, Lift, LiftTiming, StageTimes
 from support.command_line import rig
@@ -126,6 +128,15 @@ def test_verdicts_as_rows_json_lines_and_junit(rows: list[Lift]) -> None:
     assert messages[0] == "wrench, lift 2: re_mean_deg 1.5 deg, required at most 1 deg"
 
 
+def test_names_that_xml_cannot_contain_are_replaced(rows: list[Lift], tmp_path: Path) -> None:
+    limits = checked_limits((LimitConfig(figure="re_mean_deg", upper=1.0),), OBJECTS)
+    folder = os.fsdecode(b"M\xfcller \x1b")  # written by a system with Latin-1 names
+    text = junit_xml(judged(limits, rows), folder)
+    assert ElementTree.fromstring(text.encode()).get("name") == "M\ufffdller \ufffd"
+    write_page(tmp_path / "page.html", f"<h1>{folder}</h1>")
+    assert (tmp_path / "page.html").read_bytes() == b"<h1>M?ller \x1b</h1>"
+
+
 def test_bench_file_may_have_limits(light_bench_file: Path, tmp_path: Path) -> None:
     file = tmp_path / "bench.toml"
     file.write_text(light_bench_file.read_text() + '\n[[limits]]\nfigure = "answered"\nlower = 0.9\n')
@@ -152,6 +163,8 @@ def test_trial_with_limits_says_which_lift_misses_and_why(
     assert "Limits" in (tmp_path / "s/report.html").read_text()
     again = rig(*trial, "--resume", "--no-report", "--limits", file)
     assert again.returncode == 4
+    kept = rig(*trial, "--resume", "--no-report")
+    assert kept.returncode == 4, "limits that are not given again stay those of the session"
     file.write_text('[[limits]]\nfigure = "answered"\nlower = 0.1\n')
     assert rig(*trial, "--resume", "--no-report", "--limits", file).returncode == 0, "limits may change"
     file.write_text('[[limits]]\nfigure = "answer"\nlower = 0.1\n')

@@ -233,7 +233,8 @@ def _prepare(context: typer.Context, options: TrialOptions) -> _Trial:
         others = [of for of in given if (of.figure, of.object) != ("mare_deg", None)]
         given = (*others, LimitConfig(figure="mare_deg", upper=options.max_mare))
     file = Path(options.bench) if options.limits is None else options.limits
-    config = config.model_copy(update={"limits": checked_limits(given, objects, config.objects, file)})
+    given = checked_limits(given, objects, config.objects, file, all_apply=options.limits is not None)
+    config = config.model_copy(update={"limits": given})
     settings = TrialSettings(config, options.seed, choice, options.realtime, kind, slip, options.markers_only)
     require_reaction(settings, objects)
     jobs = trial_jobs(options.jobs, config.in_process, options.realtime)

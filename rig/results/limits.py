@@ -110,12 +110,18 @@ def read_limits(path: Path) -> Limits:
 
 
 def checked_limits(
-    limits: Limits, objects: Sequence[str], own: Sequence[GraspFile] = (), file: Path | None = None
+    limits: Limits,
+    objects: Sequence[str],
+    own: Sequence[GraspFile] = (),
+    file: Path | None = None,
+    all_apply: bool = True,
 ) -> Limits:
     """Return limits with the ids of their objects.
 
-    objects: ids of the trial's. own: a lab's objects. file: the TOML file of the limits, for messages. Raises
-    `InputError` for an unknown figure, another unit, or another object.
+    objects: ids of the trial's. own: a lab's objects. file: the TOML file of the limits, for messages.
+    all_apply: a limit of an object that is not lifted is an error; otherwise it is left out, because those
+    of a bench file are for all trials. Raises `InputError` for an unknown figure, another unit, or another
+    object.
     """
     checked = []
     for number, limit in enumerate(limits):
@@ -127,6 +133,8 @@ def checked_limits(
             raise InputError(f"{where()}: {limit.figure} {own_unit}, and the limit is in '{limit.unit}'")
         of = None if limit.object is None else find_grasp_file(limit.object, own).id
         if of is not None and of not in objects:
+            if not all_apply:
+                continue
             raise InputError(f"{where()}: object {limit.object} is not lifted in this trial")
         checked.append(limit.model_copy(update={"object": of}))
     return tuple(checked)

@@ -93,6 +93,13 @@ def test_limit_that_cannot_apply_is_refused(limit: dict[str, object], words: str
         checked_limits((LimitConfig(**limit),), OBJECTS)
 
 
+def test_limits_of_a_bench_file_are_for_all_trials() -> None:
+    limits = tuple(LimitConfig(figure="re_mean_deg", upper=1.0, object=of) for of in ("mustard", OBJECTS[0]))
+    assert [of.object for of in checked_limits(limits, OBJECTS, all_apply=False)] == [OBJECTS[0]]
+    with pytest.raises(InputError, match="mustrd"):
+        checked_limits((limits[0].model_copy(update={"object": "mustrd"}),), OBJECTS, all_apply=False)
+
+
 @pytest.mark.parametrize(
     ("text", "words"),
     [

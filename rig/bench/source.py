@@ -7,7 +7,7 @@ import fcntl
 import logging
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
+from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext, suppress
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
@@ -366,10 +366,10 @@ class StandingBench(BenchSource):
         A bench without arm and gripper has no hand.
         """
         started = self._config.fakes is not None and self._config.fakes.control is None
-        if started or not (config.has("arm") or config.has("gripper")):
+        memory = None if started else _memory_of(config)
+        if memory is None:
             return Hand(HandState(Holding.FREE))
-        host = config.arm.host if config.has("arm") else None
-        self._memory = memory = HandMemory(host or f"bench {config.name}")
+        self._memory = memory
         self._session.enter_context(memory.reserved())
         return Hand(memory.recall(), memory.keep)
 
@@ -392,6 +392,21 @@ def _reached(config: BenchConfig) -> Iterator[BenchConfig]:
         if config.fakes is not None:
             prove_simulated(config)
         yield config
+
+
+def _memory_of(config: BenchConfig) -> HandMemory | None:
+    """Return the memory of a bench's hand; None for a bench without arm and gripper."""
+    if not (config.has("arm") or config.has("gripper")):
+        return None
+    host = config.arm.host if config.has("arm") else None
+    return HandMemory(host or f"bench {config.name}")
+
+
+def reserved(config: BenchConfig) -> AbstractContextManager[None]:
+    """Reserve arm and hand of a bench for this program, see `HandMemory.reserved`; not those of own fakes."""
+    started = config.in_process or (config.fakes is not None and config.fakes.control is None)
+    memory = None if started else _memory_of(config)
+    return nullcontext() if memory is None else memory.reserved()
 
 
 @contextmanager

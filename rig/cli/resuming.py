@@ -172,10 +172,10 @@ def dry_run(config: "BenchConfig", plan: "Plan", json: bool) -> None:
     Always raises `typer.Exit`: with 1 if a device cannot be read, else with 2 if a step of the plan would be
     refused, else with 0.
     """
-    from rig.bench.source import read_devices, unconnected_bench
+    from rig.bench.source import read_devices, reserved, unconnected_bench
 
     begin_phase("reading the devices")
-    with unconnected_bench(config) as bench:
+    with reserved(config), unconnected_bench(config) as bench:
         readings = read_devices(bench)
     silent = [reading for reading in readings if reading.problem]
     figures = {

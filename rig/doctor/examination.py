@@ -11,8 +11,8 @@ from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
-from drivers.errors import CalibrationError, InputError
-from rig.bench.source import unconnected_bench
+from drivers.errors import CalibrationError, DeviceError, InputError
+from rig.bench.source import reserved, unconnected_bench
 from rig.config import BenchConfig
 from rig.config.extras import pip_line
 from rig.config.parts import lacking, working
@@ -167,7 +167,14 @@ def examine(
     # the gripper's table is stored under the bench's name, the arm's clock under "arm"
     serials = {*(sensor.serial for sensor in config.sensors), config.name, "arm"}
     yield from look_at_calibrations(bench_folder / "calibrations", serials)
-    with unconnected_bench(config) as bench, ExitStack() as connected:
+    with ExitStack() as connected:
+        try:
+            connected.enter_context(reserved(config))
+        except DeviceError as error:
+            seen, _, todo = str(error).partition("; ")
+            yield Finding("bench", "use", Severity.FAILURE, seen, todo)
+            return
+        bench = connected.enter_context(unconnected_bench(config))
         for device in (*bench.frame_sources, *bench.actuators):
             connected.callback(device.disconnect)
         if bench.has("arm"):

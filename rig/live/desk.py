@@ -314,6 +314,7 @@ class Desk:
         self._threads = [threading.Thread(target=self._wait, args=(s,), daemon=True) for s in sources]
         self._open = len(sources)
         self._fusion, self._zeros = FusedAngles(), list[SlipSample | None]()
+        self._object: Reading | None = None
         self._marks: deque[tuple[int, str]] = deque(maxlen=KEPT_MARKS)
         self._marked = 0
         self._saving: threading.Thread | None = None
@@ -368,8 +369,8 @@ class Desk:
         """Process the next frame of any sensor; return its reading and, with two sensors, that of the object.
 
         The list is empty if no frame arrived in time or a source ended, see `ended`. If a sensor has sent no
-        frame for `FRAME_TIMEOUT_S`, it has one reading in the state `NO_FRAMES`. Raises `DeviceError` if a
-        sensor fails.
+        frame for `FRAME_TIMEOUT_S`, it has one reading in the state `NO_FRAMES`; so has the object, if none
+        of its sensors sends any. Raises `DeviceError` if a sensor fails.
         """
         self._show_saved()
         try:
@@ -385,9 +386,13 @@ class Desk:
                 return []
             if before is None:
                 return []
-            silent = replace(before, state=NO_FRAMES, sample=None, fps=None)
-            self._show(silent)
-            return [replace(silent, frame=None)]
+            stopped = [before]
+            if self._object is not None and not any(each.reading for each in self.sensors.values()):
+                stopped.append(self._object)
+            silent = [replace(each, state=NO_FRAMES, sample=None, fps=None) for each in stopped]
+            for each in silent:
+                self._show(each)
+            return [replace(each, frame=None) for each in silent]
         if self._sender.pictures:  # only a page can ask for them
             sensor.newest.add(frame)
         if sensor.clip is not None:
@@ -400,7 +405,7 @@ class Desk:
             self.fault = reading.sample.fault
             self._say(f"the estimator failed; the state is then 'lost': {self.fault}")
         self._show(reading)
-        fused = self._fused(reading)
+        fused = self._object = self._fused(reading)
         if fused is None:
             return [reading]
         self._show(fused)

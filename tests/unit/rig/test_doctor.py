@@ -7,11 +7,13 @@ import pytest
 
 from drivers.errors import DeviceError, InputError
 from rig.bench.assembly import build_bench
+from rig.bench.source import reserved
 from rig.config import BenchConfig, load_bench
 from rig.doctor.actuators import look_at_arm, look_at_gripper
-from rig.doctor.examination import look_at_calibrations, look_at_disk, look_at_usb
+from rig.doctor.examination import examine, look_at_calibrations, look_at_disk, look_at_usb
 from rig.doctor.finding import Finding, Severity, percentiles_ms
 from rig.doctor.streams import look_at_streams
+from support.benches import real_bench_file
 
 
 def bench_with(*faults: dict[str, object]) -> BenchConfig:
@@ -106,3 +108,14 @@ def test_cameras_on_one_usb_bus_and_missing_calibrations_are_named(tmp_path: Pat
     assert alone.todo == ""
     (finding,) = look_at_calibrations(tmp_path / "calibrations", set())
     assert (finding.verdict, "none" in finding.seen) == (Severity.NOTE, True)
+
+
+def test_devices_that_another_program_uses_are_not_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    bench = load_bench(real_bench_file(tmp_path))
+    with reserved(bench):
+        *_, last = examine(bench, tmp_path, tmp_path)
+    assert (last.device, last.verdict) == ("bench", Severity.FAILURE)
+    assert "another rig program uses this bench" in last.seen

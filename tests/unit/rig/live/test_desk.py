@@ -124,13 +124,13 @@ class Unplugged(GivenFrames):
         return super().next_frame(timeout_s)
 
 
-def test_slip_alarm_of_the_object_ends_if_the_sensor_that_raised_it_is_unplugged() -> None:
+def test_slip_alarm_of_the_object_ends_with_the_sensor_that_raised_it_and_its_angle_with_both() -> None:
     untouched = list(desk_frames(2.9))
     other = [
         replace(untouched[n % len(untouched)], time_ns=untouched[0].time_ns + n * NS_PER_S // 30, sequence=n)
         for n in range(300)
     ]
-    sources = [Unplugged(list(desk_frames(6.6)), "D1"), GivenFrames(other, "D2")]
+    sources = [Unplugged(list(desk_frames(6.6)), "D1"), Unplugged(other, "D2")]
     found: list[Reading] = []
     with Desk(sources, DeskSettings(SLIP), Sender()) as desk:
         while not (found and found[-1].state == NO_FRAMES):
@@ -138,12 +138,16 @@ def test_slip_alarm_of_the_object_ends_if_the_sensor_that_raised_it_is_unplugged
         silent, slips = found[-1], [r.sample.slip for r in found if r.name == OBJECT and r.sample]
         assert slips[-1], "the object slips when the sensor is unplugged"
         after = [r for _ in range(20) for r in desk.step()]
+        last = after
+        while last[-1].state != NO_FRAMES:
+            last = desk.step() or last
     assert (silent.name, silent.sample, silent.frame) == ("D1", None, None)
     assert silent.line().startswith("D1: angle     -    , no frames")
     assert [r.state for r in after if r.name == "D1"] == [], "it is reported once"
     slips = [r.sample.slip for r in after if r.name == OBJECT and r.sample]
     assert slips
     assert not any(slips)
+    assert [(r.name, r.state, r.sample) for r in last] == [(n, NO_FRAMES, None) for n in ("D2", OBJECT)]
 
 
 def test_saved_frames_of_a_sensor_that_was_unplugged_are_of_the_last_30_s_too(tmp_path: Path) -> None:

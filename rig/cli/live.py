@@ -130,7 +130,7 @@ def live(options: LiveOptions) -> None:
     """
     from rig.live.watch import WatchPage, watch_address
 
-    page, desk, summaries, faults = None, None, [], []
+    page, desk, summaries, faults, shown = None, None, [], [], ""
     if not options.page and (options.lift is not None or options.topic is not None):
         raise InputError("--lift and --topic are for stored clips: add --page, or leave them out")
     if options.page and (options.terminal or options.json or len(options.sources) > 1 or options.sensor):
@@ -168,6 +168,9 @@ def live(options: LiveOptions) -> None:
                 raise EstimatorError(f"ended; the estimator failed: {desk.fault}")
             if not desk.ended:  # the summaries of sources that have ended were shown then
                 summaries = [f"{sensor.name}: {sensor.summary}" for sensor in desk.sensors.values()]
+            shown = desk.notice
+    if desk is not None and desk.notice != shown:  # a clip that was being saved, or why it is not
+        summaries.append(desk.notice)
     say("\n".join([*summaries, "ended"]))
     report_faults(faults)
 

@@ -123,8 +123,11 @@ def _append(table: FileIO, row: str) -> None:
 
 
 def clip_folder(clips: Path, serial: str) -> Path:
-    """Return the folder of a new clip, named by date, time and sensor; it does not exist yet."""
-    name = "".join(c if c.isalnum() or c in "-_." else "_" for c in serial)
+    """Return the folder of a new clip, named by date, time and sensor; it does not exist yet.
+
+    serial: a long address is cut off, because the names of folders have at most 255 bytes.
+    """
+    name = "".join(c if c.isalnum() or c in "-_." else "_" for c in serial[:50])
     folder = clips / f"{datetime.now():%Y-%m-%dT%H%M%S}_{name}"
     names = (folder.with_name(f"{folder.name}_{number}") for number in count(2))
     return folder if not folder.exists() else next(each for each in names if not each.exists())

@@ -446,8 +446,12 @@ class Desk:
 
     def _begin_clips(self) -> str:
         started = [self._clip(sensor, RECORD) for sensor in self.sensors.values()]
-        for sensor, start in zip(self.sensors.values(), started, strict=True):
-            sensor.clip = start()
+        try:
+            for sensor, start in zip(self.sensors.values(), started, strict=True):
+                sensor.clip = start()
+        except RecordingError:  # all sensors or none
+            self._end_clips()
+            raise
         return f"recording to {', '.join(str(s.clip.folder) for s in self.sensors.values() if s.clip)}"
 
     def _clip(self, sensor: DeskSensor, what: str) -> Callable[[], ClipWriter]:

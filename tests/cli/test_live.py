@@ -199,6 +199,23 @@ def test_clip_of_a_live_view_that_is_killed_is_complete(
     assert times_s[-1] > times_s[0] == 0.0
 
 
+def test_clip_that_is_being_saved_at_the_end_is_complete_and_named(tmp_path: Path) -> None:
+    command = [sys.executable, "-P", "-u", "-m", "rig", "live", "fake", "--no-browser", "--clips", tmp_path]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stderr is not None
+        lines = iter(process.stderr.readline, "")
+        address = next(found[0] for line in lines if (found := re.search(r"http://\S+/(?=;)", line)))
+        assert any("background taken" in line for line in lines)
+        press(address, "save")
+        assert any("saving the last 30 s" in line for line in lines)
+        process.send_signal(signal.SIGINT)
+        said = process.stderr.read()
+        assert process.wait(LIMIT_S) == 0, said
+    (clip,) = tmp_path.iterdir()
+    count = len(list((clip / "frames").iterdir()))
+    assert f"{clip}: {count} frames" in said.replace("\n", "")
+
+
 def test_background_may_be_given_or_is_that_of_the_clip(clip: Path, tmp_path: Path) -> None:
     empty: Image = next(iter(desk_frames(2.1))).image
     (tmp_path / "empty.png").write_bytes(encode_png(empty))

@@ -16,7 +16,7 @@ from drivers.images import encode_jpeg
 from drivers.types import Frame, Image
 from rig.frames.clips import ABOUT, FRAMES, TIMES
 from rig.frames.series import read_frames
-from rig.live.clip_writer import ClipWriter
+from rig.live.clip_writer import ClipWriter, clip_folder
 from rig.live.desk import Desk, DeskSettings
 from rig.live.feed import Sender
 from rig.tactile.estimators import choose_estimator
@@ -193,3 +193,10 @@ def test_full_disk_ends_the_clip_and_the_live_view_goes_on(tmp_path: Path) -> No
         assert desk.step()
     (clip,) = tmp_path.iterdir()
     assert len(read(clip)[0]) == 1
+
+
+def test_folder_of_a_clip_has_a_valid_name_for_any_sensor(tmp_path: Path) -> None:
+    for serial in ("http://10.0.0.2/stream?key=" + "a" * 300, "\N{HIRAGANA LETTER A}" * 300):
+        folder = clip_folder(tmp_path, serial)
+        folder.mkdir()
+        assert clip_folder(tmp_path, serial) != folder

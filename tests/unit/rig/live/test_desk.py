@@ -337,6 +337,19 @@ def test_clip_that_cannot_be_saved_is_named_and_the_view_goes_on(tmp_path: Path)
         assert desk.step()
 
 
+def test_all_sensors_are_recorded_or_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    frames = list(desk_frames(2.1))
+    (tmp_path / "D2").touch()
+    monkeypatch.setattr("rig.live.desk.clip_folder", lambda clips, serial: clips / serial / "clip")
+    settings = DeskSettings(ELLIPSE, backgrounds=(frames[0].image, frames[0].image), clips=tmp_path)
+    sources = [GivenFrames(frames, "D1"), GivenFrames(frames, "D2")]
+    with Desk(sources, settings, Sender()) as desk:
+        desk.act("record")
+        assert "the clip cannot be written (Not a directory)" in desk.notice
+        assert not desk.recording
+        assert desk.step()
+
+
 def test_marks_are_numbered_and_reach_the_page(tmp_path: Path) -> None:
     with with_page(tmp_path, desk_frames(2.1), tmp_path) as (desk, inbox):
         for action, notice in (

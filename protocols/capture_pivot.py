@@ -13,7 +13,7 @@ from drivers.bench import Bench
 from drivers.errors import ContactForceError, OutOfLimitsError
 from drivers.types import Pose, Vector3
 from protocols.capture_hand_eye import wait_until_still
-from protocols.steps import arm_limit_s, move
+from protocols.steps import go
 
 SPEED_M_S = 0.05
 ACCELERATION_M_S2 = 0.3
@@ -100,6 +100,4 @@ def _rise(bench: Bench) -> None:
 
 
 def _go(bench: Bench, target: Pose) -> None:
-    before = bench.arm.state()
-    motion = move(bench, target, SPEED_M_S, before, ACCELERATION_M_S2)
-    motion.wait(arm_limit_s(before, MOTION_TIMEOUT_S))
+    go(bench, target, SPEED_M_S, acceleration_m_s2=ACCELERATION_M_S2, full_speed_s=MOTION_TIMEOUT_S)

@@ -48,7 +48,7 @@ MOST_CLOSING_M = 0.015
 MOTION_TIMEOUT_S = 15.0
 """Time limit of a motion of arm or fingers, of the arm at full speed (`arm_limit_s`)."""
 SLOWEST = 0.05
-"""Lowest position of the arm's speed slider at which motions get the time that they take."""
+"""Lowest position of the arm's speed slider that lengthens the time limits of motions."""
 REACHED_M = 0.002
 """Tolerance of a reached opening, m: a third of the 6 mm by which a release opens wider than the object
 (2 x `MARGIN_M`), so fingers within this tolerance do not touch the object. Three steps of a Robotiq
@@ -122,14 +122,21 @@ def arm_limit_s(state: ArmState | None, full_speed_s: float) -> float:
     return full_speed_s if fraction is None else full_speed_s / max(fraction, SLOWEST)
 
 
-def go(bench: Bench, target: Pose, speed_m_s: float, pump: Pump | None = None) -> None:
+def go(
+    bench: Bench,
+    target: Pose,
+    speed_m_s: float,
+    pump: Pump | None = None,
+    acceleration_m_s2: float = ACCELERATION_M_S2,
+    full_speed_s: float = MOTION_TIMEOUT_S,
+) -> None:
     """Move as `move` does and wait for the end, while frames are delivered if there is a pump.
 
-    Raises `DeviceTimeoutError` after `MOTION_TIMEOUT_S` at full speed, see `arm_limit_s`.
+    full_speed_s: time limit at full speed, see `arm_limit_s`; after it `DeviceTimeoutError` is raised.
     """
     before = bench.arm.state()
-    motion = move(bench, target, speed_m_s, before)
-    _wait(pump, motion, arm_limit_s(before, MOTION_TIMEOUT_S), "the arm")
+    motion = move(bench, target, speed_m_s, before, acceleration_m_s2)
+    _wait(pump, motion, arm_limit_s(before, full_speed_s), "the arm")
 
 
 def _wait(pump: Pump | None, motion: Motion, limit_s: float, mover: str) -> None:

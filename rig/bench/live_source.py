@@ -23,7 +23,7 @@ FAKE = "fake"
 FILE_RATE_HZ = 60.0
 """Of a folder of images, as `rig estimate` assumes."""
 LEAST_HZ = 0.1
-"""Lowest frame rate of a clip, that of --fps."""
+"""Lowest frame rate of a clip in Hz, as for --fps."""
 CLIP_FRAMES, CLIP_TIMES = "frames", "timestamps.csv"
 """Folder of the images of a clip, and table of their times, as in `rig.frames.clips`."""
 _SOURCES = (

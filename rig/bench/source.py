@@ -343,7 +343,7 @@ class StandingBench(BenchSource):
         config = self._session.enter_context(_reached(self._config))
         sys.setswitchinterval(SWITCH_S)
         compute_in_one_thread()
-        bench = build_real_bench(config, self._remembered_hand(config))
+        bench = build_real_bench(config, self._remembered_hand())
         if config.fakes is None:
             readings = read_devices(bench)
             if problems := [reading.problem for reading in readings if reading.problem]:
@@ -360,16 +360,14 @@ class StandingBench(BenchSource):
         self._bench = bench
         return bench
 
-    def _remembered_hand(self, config: BenchConfig) -> Hand:
+    def _remembered_hand(self) -> Hand:
         """Return the hand's state stored by the last program; free if fakes are started for this session.
 
         A bench without arm and gripper has no hand.
         """
-        started = self._config.fakes is not None and self._config.fakes.control is None
-        memory = None if started else _memory_of(config)
+        self._memory = memory = _memory_of(self._config)
         if memory is None:
             return Hand(HandState(Holding.FREE))
-        self._memory = memory
         self._session.enter_context(memory.reserved())
         return Hand(memory.recall(), memory.keep)
 
@@ -395,17 +393,17 @@ def _reached(config: BenchConfig) -> Iterator[BenchConfig]:
 
 
 def _memory_of(config: BenchConfig) -> HandMemory | None:
-    """Return the memory of a bench's hand; None for a bench without arm and gripper."""
-    if not (config.has("arm") or config.has("gripper")):
+    """Return the memory of a bench's hand; None without arm and gripper, and for fakes of this program."""
+    started = config.in_process or (config.fakes is not None and config.fakes.control is None)
+    if started or not (config.has("arm") or config.has("gripper")):
         return None
     host = config.arm.host if config.has("arm") else None
     return HandMemory(host or f"bench {config.name}")
 
 
 def reserved(config: BenchConfig) -> AbstractContextManager[None]:
-    """Reserve arm and hand of a bench for this program, see `HandMemory.reserved`; not those of own fakes."""
-    started = config.in_process or (config.fakes is not None and config.fakes.control is None)
-    memory = None if started else _memory_of(config)
+    """Reserve arm and hand of a bench for this program, see `HandMemory.reserved`, if other programs can."""
+    memory = _memory_of(config)
     return nullcontext() if memory is None else memory.reserved()
 
 

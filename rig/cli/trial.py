@@ -227,8 +227,10 @@ def _prepare(context: typer.Context, options: TrialOptions) -> _Trial:
     slip = SlipSettings(options.alarms_per_hour, options.max_turn_deg)
     kind = ReactionKind(options.react)
     objects = resolve_objects(options.objects, config.objects)
-    given = config.limits or (() if stored is None else stored.config.limits)
-    given = given if options.limits is None else read_limits(options.limits)
+    if options.limits is not None:
+        given = read_limits(options.limits)
+    else:
+        given = config.limits or (() if stored is None else stored.config.limits)
     if options.max_mare is not None:
         others = [of for of in given if (of.figure, of.object) != ("mare_deg", None)]
         given = (*others, LimitConfig(figure="mare_deg", upper=options.max_mare))

@@ -53,8 +53,8 @@ def find_calibrations(
     """Read a folder's calibrations for the devices of a bench; none without such a folder.
 
     If all files of a kind belong to other devices, that is an error: a swapped device would otherwise go
-    unnoticed. Calibrations with verdict "refused" are not used. report: prints what a person should know of
-    a file beside its age and verdict. Raises `CalibrationError`.
+    unnoticed. Calibrations with verdict "refused" are not used. report: called with each remark on a
+    file, except on its age and verdict. Raises `CalibrationError`.
     """
     wanted: list[tuple[str, dict[str, str]]] = []
     if config.has("camera"):

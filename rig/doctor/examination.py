@@ -11,7 +11,7 @@ from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
-from drivers.errors import CalibrationError, DeviceError, InputError
+from drivers.errors import CalibrationError, DeviceError, InputError, RecordingError
 from rig.bench.source import reserved, unconnected_bench
 from rig.config import BenchConfig
 from rig.config.extras import pip_line
@@ -170,7 +170,7 @@ def examine(
     with ExitStack() as connected:
         try:
             connected.enter_context(reserved(config))
-        except DeviceError as error:
+        except (DeviceError, RecordingError) as error:
             seen, _, todo = str(error).partition("; ")
             yield Finding("bench", "use", Severity.FAILURE, seen, todo)
             return

@@ -93,13 +93,13 @@ class SensorOnPage:
         self._forget(time_s - HISTORY_S)
 
     def keeps_image(self, time_s: float, state: str) -> bool:
-        """Whether the next frame's image is kept: `PICTURES_PER_S`, and where contact begins or ends."""
+        """Whether the next frame's image is kept: `PICTURES_PER_S`, and where a contact begins or ends."""
         last_s = self.pictures[-1][0] if self.pictures else -1.0
         changed = self.contact_in(state) != self.contact
         return changed or int(round(time_s, TIME_DIGITS) * PICTURES_PER_S) > int(last_s * PICTURES_PER_S)
 
     def contact_in(self, state: str) -> bool:
-        """Whether there is a contact in the next frame; if its state does not show it, as before."""
+        """Whether a state of the next frame has contact; one of `UNKNOWN` has it if there was one before."""
         return self.contact if state in UNKNOWN else state in WITH_CONTACT
 
     def since(self, known: int) -> tuple[dict[str, Any], int]:
@@ -176,7 +176,7 @@ ZERO = "zero"
 def _events(before: dict[str, Any], now: dict[str, Any]) -> Iterator[tuple[str, float, int]]:
     """Yield text, time in s and count of the events between two readings of a sensor; the first may be {}.
 
-    Where a contact begins or ends is no part of it.
+    `History.take` adds those where a contact begins or ends.
     """
     if now["state"] in UNKNOWN and now["state"] != before.get("state"):
         yield now["state"], now["t_s"], 1

@@ -6,7 +6,8 @@ import re
 import signal
 import subprocess
 import sys
-from contextlib import ExitStack, closing, suppress
+from collections.abc import Iterator
+from contextlib import ExitStack, closing, contextmanager, suppress
 from itertools import pairwise
 from pathlib import Path
 from urllib.request import Request, urlopen
@@ -172,16 +173,23 @@ def press(address: str, action: str) -> None:
         assert answer.status == 200
 
 
-@pytest.mark.parametrize("signals", [(signal.SIGKILL,), *long(((signal.SIGINT, signal.SIGTERM),))])
-def test_clip_of_a_live_view_that_is_killed_is_complete(
-    tmp_path: Path, signals: tuple[signal.Signals, ...]
-) -> None:
-    command = [sys.executable, "-P", "-u", "-m", "rig", "live", "fake", "--no-browser", "--clips", tmp_path]
+@contextmanager
+def viewing(clips: Path) -> Iterator[tuple["subprocess.Popen[str]", str]]:
+    """Run `rig live fake`; yield its process and its page's address once the background is taken."""
+    command = [sys.executable, "-P", "-u", "-m", "rig", "live", "fake", "--no-browser", "--clips", clips]
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
         assert process.stderr is not None
         lines = iter(process.stderr.readline, "")
         address = next(found[0] for line in lines if (found := re.search(r"http://\S+/(?=;)", line)))
         assert any("background taken" in line for line in lines)
+        yield process, address
+
+
+@pytest.mark.parametrize("signals", [(signal.SIGKILL,), *long(((signal.SIGINT, signal.SIGTERM),))])
+def test_clip_of_a_live_view_that_is_killed_is_complete(
+    tmp_path: Path, signals: tuple[signal.Signals, ...]
+) -> None:
+    with viewing(tmp_path) as (process, address):
         press(address, "record")
         until(lambda: len(list(tmp_path.glob("*/frames/[0-9]*.jpg"))) > 20)
         for number in signals:
@@ -200,14 +208,10 @@ def test_clip_of_a_live_view_that_is_killed_is_complete(
 
 
 def test_clip_that_is_being_saved_at_the_end_is_complete_and_named(tmp_path: Path) -> None:
-    command = [sys.executable, "-P", "-u", "-m", "rig", "live", "fake", "--no-browser", "--clips", tmp_path]
-    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
+    with viewing(tmp_path) as (process, address):
         assert process.stderr is not None
-        lines = iter(process.stderr.readline, "")
-        address = next(found[0] for line in lines if (found := re.search(r"http://\S+/(?=;)", line)))
-        assert any("background taken" in line for line in lines)
         press(address, "save")
-        assert any("saving the last 30 s" in line for line in lines)
+        assert any("saving the last 30 s" in line for line in iter(process.stderr.readline, ""))
         process.send_signal(signal.SIGINT)
         said = process.stderr.read()
         assert process.wait(LIMIT_S) == 0, said

@@ -16,7 +16,7 @@ from rig.frames.gel_height import GelMap, GelShape, depth_picture, gel_shape, no
 from rig.frames.of_session import of_sensor, session_frames
 from rig.frames.series import read_frames
 from rig.sessions.manifest import TrialManifest, read_manifest_of
-from rig.tactile.contact.gate import ContactGate
+from rig.tactile.contact.gate import find_contact
 from rig.tactile.contact.gel_marks import GelMarks, found_marks
 from rig.tactile.contact.relative import RelativeDifference, smoothed, work_size
 from rig.tactile.estimators import choose_estimator
@@ -122,7 +122,7 @@ def stages_picture(turn: Turn) -> Image:
     background = turn.background
     size = work_size(background.shape, turn.aspect or 1.0)
     first, now = (smoothed(_difference(image, background, size)) for image in (turn.zero, turn.later))
-    region = ContactGate().find(first)
+    region = find_contact(first)
     learnt = None if region is None else learn_map(first, region.mask)
     if region is None or learnt is None:
         raise InputError(f"{turn.title}: the frame at the zero shows no dent; give another --reference-time")

@@ -6,7 +6,7 @@ import math
 import cv2
 import numpy as np
 
-from rig.tactile.contact.gate import ContactGate, Region
+from rig.tactile.contact.gate import Region, find_contact
 from rig.tactile.slip.height import Field
 from rig.tactile.slip.keyframe import Source
 from rig.tactile.slip.texture import FINENESS, Texture, noise_floor, structure, tensor_of
@@ -45,7 +45,7 @@ def work_of(fine: Field) -> Field:
 
 def region_of(fine: Field) -> Region:
     """Return the contact in a difference."""
-    region = ContactGate().find(work_of(fine))
+    region = find_contact(work_of(fine))
     assert region is not None
     return region
 

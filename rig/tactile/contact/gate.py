@@ -36,11 +36,9 @@ class TouchDebounce:
 ENERGY_BLUR_PX = 1.5
 # The strength is the difference that this fraction of the frame's pixels exceeds.
 STRENGTH_SHARE = 0.01
-# A contact begins if the strength reaches the first value, and ends if it falls below the second
-# (hysteresis). Drift that gain and offset cannot correct stays below both. The second pair are multiples of
-# the floor.
-STRENGTH_ENTER, STRENGTH_LEAVE = 0.04, 0.03
-FLOOR_ENTER, FLOOR_LEAVE = 3.5, 2.5
+# A contact has at least this strength, and at least this multiple of the floor. Drift that gain and offset
+# cannot correct stays below both.
+LEAST_STRENGTH, LEAST_FLOORS = 0.04, 3.5
 # The floor is the difference below which this fraction of the pixels is: even a wide contact leaves them
 # free.
 FLOOR_SHARE = 0.2
@@ -75,40 +73,27 @@ class Region:
         return self.area_px, self.strength
 
 
-class ContactGate:
-    """Detects the contact with hysteresis: to begin, it has to be stronger than to continue."""
-
-    def __init__(self) -> None:
-        self._in_contact = False
-        self._speck = np.ones((2, 2), np.uint8)
-
-    def find(self, difference: NDArray[np.float32]) -> Region | None:
-        """Return the contact region of a relative difference (h, w, 3), None without contact."""
-        squares = cv2.transform(cv2.multiply(difference, difference), np.ones((1, 3), np.float32))
-        energy = np.asarray(cv2.sqrt(cv2.GaussianBlur(squares, (0, 0), ENERGY_BLUR_PX)), np.float32)
-        levels = energy.reshape(-1)[::LEVEL_STEP]
-        floor_at, strength_at = int(FLOOR_SHARE * levels.size), int((1.0 - STRENGTH_SHARE) * levels.size)
-        ordered = np.partition(levels, (floor_at, strength_at))
-        floor, strength = float(ordered[floor_at]), float(ordered[strength_at])
-        least = (STRENGTH_LEAVE, FLOOR_LEAVE) if self._in_contact else (STRENGTH_ENTER, FLOOR_ENTER)
-        region = None
-        if strength >= max(least[0], least[1] * floor):
-            region = self._region(energy, strength)
-        self._in_contact = region is not None
-        return region
-
-    def _region(self, energy: NDArray[np.float32], strength: float) -> Region | None:
-        split = (energy > EDGE_SHARE * strength).astype(np.uint8)
-        split = cv2.morphologyEx(split, cv2.MORPH_OPEN, self._speck)
-        parts, _ = cv2.findContours(split, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
-        if not parts:
-            return None
-        areas = [cv2.contourArea(part) for part in parts]
-        large = [part for part, area in zip(parts, areas, strict=True) if area >= PART_SHARE * max(areas)]
-        mask = np.zeros(energy.shape, np.uint8)
-        cv2.fillConvexPoly(mask, cv2.convexHull(np.concatenate(large)), 1)
-        area = int(cv2.countNonZero(mask))
-        mean = cv2.mean(energy, mask)[0]
-        if area < LEAST_AREA_PX or (area > WIDE_SHARE * mask.size and mean < LEAST_WIDE_STRENGTH):
-            return None
-        return Region(mask, area, mean)
+def find_contact(difference: NDArray[np.float32]) -> Region | None:
+    """Return the contact region of a relative difference (h, w, 3), None without contact."""
+    squares = cv2.transform(cv2.multiply(difference, difference), np.ones((1, 3), np.float32))
+    energy = np.asarray(cv2.sqrt(cv2.GaussianBlur(squares, (0, 0), ENERGY_BLUR_PX)), np.float32)
+    levels = energy.reshape(-1)[::LEVEL_STEP]
+    floor_at, strength_at = int(FLOOR_SHARE * levels.size), int((1.0 - STRENGTH_SHARE) * levels.size)
+    ordered = np.partition(levels, (floor_at, strength_at))
+    floor, strength = float(ordered[floor_at]), float(ordered[strength_at])
+    if strength < max(LEAST_STRENGTH, LEAST_FLOORS * floor):
+        return None
+    split = (energy > EDGE_SHARE * strength).astype(np.uint8)
+    split = cv2.morphologyEx(split, cv2.MORPH_OPEN, np.ones((2, 2), np.uint8))
+    parts, _ = cv2.findContours(split, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
+    if not parts:
+        return None
+    areas = [cv2.contourArea(part) for part in parts]
+    large = [part for part, area in zip(parts, areas, strict=True) if area >= PART_SHARE * max(areas)]
+    mask = np.zeros(energy.shape, np.uint8)
+    cv2.fillConvexPoly(mask, cv2.convexHull(np.concatenate(large)), 1)
+    area = int(cv2.countNonZero(mask))
+    mean = cv2.mean(energy, mask)[0]
+    if area < LEAST_AREA_PX or (area > WIDE_SHARE * mask.size and mean < LEAST_WIDE_STRENGTH):
+        return None
+    return Region(mask, area, mean)

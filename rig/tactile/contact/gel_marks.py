@@ -13,7 +13,7 @@ from scipy.spatial import KDTree
 
 from drivers.clock import NS_PER_S
 from drivers.types import Image
-from rig.tactile.contact.gate import ContactGate, Region
+from rig.tactile.contact.gate import Region, find_contact
 from rig.tactile.contact.relative import DARK_OFFSET, smoothed
 
 # Standard deviations, px: marks are the difference to a blur by SHARP_PX; noise is reduced by NOISE_PX.
@@ -136,7 +136,7 @@ class LaterMarks:
         clear = (cv2.resize(marked, size, interpolation=cv2.INTER_AREA) == 0).astype(np.float32)[..., None]
         sums = cv2.GaussianBlur(np.dstack([work * clear, clear]), (0, 0), FILL_PX)
         clean = np.where(clear > 0.0, work, sums[..., :3] / np.maximum(sums[..., 3:], 1e-3))
-        return ContactGate().find(smoothed(clean)) is None
+        return find_contact(smoothed(clean)) is None
 
     def confirmed(self, region: Region | None) -> bool:
         """Add the stored marks of the first frames if a contact has come beside them; return whether."""

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from drivers.types import Image
 from rig.tactile.contact.background import mean_background
 from rig.tactile.contact.dots import plain_of
-from rig.tactile.contact.gate import ContactGate, Region
+from rig.tactile.contact.gate import Region, find_contact
 from rig.tactile.contact.relative import RelativeDifference, work_size
 
 LEAST_FRAMES = 3
@@ -51,7 +51,7 @@ class Comparison:
 
     def region(self, image: Image) -> Region | None:
         """Return the region where a frame differs from the background like a contact; None without any."""
-        return ContactGate().find(self.difference(image))
+        return find_contact(self.difference(image))
 
     def difference(self, image: Image) -> NDArray[np.float32]:
         """Return the relative difference of a frame's reduced copy from the background, (h, w, 3)."""

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.types import Image
-from rig.tactile.contact.gate import ContactGate, Region
+from rig.tactile.contact.gate import Region, find_contact
 from rig.tactile.contact.relative import RelativeDifference, full_area, work_size
 from rig.tactile.sample import FreshFrameEstimator, SlipSample, State, Stopwatch
 from rig.tactile.settling import NEW_GRASP_NS, Steadiness
@@ -98,7 +98,6 @@ class EccEstimator(FreshFrameEstimator):
         size = work_size(background.shape, 1.0)
         self._px_per_work = background.shape[0] / size[1]
         self._light = RelativeDifference(background, size)
-        self._gate = ContactGate()
         self._seen_ns: int | None = None
         self._answered = False
         self._zero_rad = 0.0
@@ -108,7 +107,7 @@ class EccEstimator(FreshFrameEstimator):
         watch = Stopwatch()
         difference = self._light.of(self._light.reduced(image))
         difference = np.asarray(cv2.GaussianBlur(difference, (0, 0), NOISE_BLUR_PX), np.float32)
-        region = self._gate.find(difference)
+        region = find_contact(difference)
         watch.lap("contact")
         if region is None:
             return SlipSample(time_ns, State.NO_CONTACT, stage_s=watch.stage_s, skipped=self.stages[1:])

@@ -3,9 +3,8 @@
 Keyframe k was taken at angle theta_k with the tracked point at p_k. For a candidate pose (theta, p) it has
 turned by theta - theta_k, and its center has moved so that the point is at p. The residuals of its slopes and
 of its texture, each divided by its mean square, are linearised in (theta, p); gain and constant slope of each
-keyframe are eliminated. The sum over the keyframes, weighted by richness, and a prior around the expected
-angle give one 3 x 3 system per iteration. The pull of the prior is bounded (Huber), because it would tear a
-far start from the pose that the start has found.
+keyframe are eliminated. The sum over the keyframes, weighted by richness, gives one 3 x 3 system per
+iteration.
 """
 
 import cmath
@@ -41,8 +40,6 @@ from rig.tactile.slip.texture import Texture
 
 COARSE_ITERATIONS, COARSE_PART = 6, 3
 """Iterations from a further start, with every third point."""
-ALONE_PRIOR = 0.01
-"""Weight of the expected angle for slopes alone, which are aligned only if they explain the frame."""
 GRID_RAD, GRID_PX = math.radians(8.0), 2
 """Steps of the search by curvature: its agreement falls to about half over one step of a sharp contact."""
 
@@ -135,15 +132,14 @@ class Aligner:
         self._bank = np.stack([key.rows for key in keys])
         self._facts = np.stack([key.facts((key.richness / best) ** KEYFRAMES.power) for key in keys])
 
-    def view(self, slopes: Field, corner_px: tuple[int, int], reading: Reading, expected_rad: float) -> None:
+    def view(self, slopes: Field, corner_px: tuple[int, int], reading: Reading) -> None:
         """Take the slopes of a frame (4, h, w), see `slope_planes`, whose box begins at a corner.
 
-        They are aligned to the richest keyframe and to those nearest to the expected angle of a reading.
+        They are aligned to the richest keyframe and to those nearest to the last angle of a reading.
         """
-        self._view_slopes(
-            slopes, corner_px, self._chosen([key.angle_rad for key in reading.keys], expected_rad)
-        )
-        self.read_as(reading, expected_rad)
+        angles = [key.angle_rad for key in reading.keys]
+        self._view_slopes(slopes, corner_px, self._chosen(angles, reading.pose.angle_rad))
+        self.read_as(reading)
 
     def _view_slopes(self, slopes: Field, corner_px: tuple[int, int], used: NDArray[np.int64]) -> None:
         self._views[SLOPES], self.used = (1.0, -corner_px[0], -corner_px[1]), used
@@ -157,9 +153,9 @@ class Aligner:
             ALIGNMENT.rest_share, ALIGNMENT.noise_share, self._weights,
         )  # fmt: skip
 
-    def read_as(self, reading: Reading, expected_rad: float) -> None:
+    def read_as(self, reading: Reading) -> None:
         """Align with the poses of the keyframes, and the weight of the slopes, of a reading."""
-        self._share, self._expected_rad = reading.slopes_share, expected_rad
+        self._share = reading.slopes_share
         for facts, key, pose in zip(self._facts, self._keys, reading.keys, strict=True):
             lever = pose.point_px - key.center_px
             facts[ANGLE], facts[LEVER_X], facts[LEVER_Y] = pose.angle_rad, lever.real, lever.imag
@@ -181,15 +177,12 @@ class Aligner:
         reading: Reading,
         starts: Sequence[Pose],
     ) -> Fit:
-        """Align a frame (slopes, corner, texture) to one keyframe, each start with its own expected angle."""
+        """Align a frame (slopes, corner, texture) to one keyframe, from several starts."""
         slopes, corner_px, texture = frame
         self._view_slopes(slopes, corner_px, np.array([key], np.int64))
         self.view_texture(texture)
-        fits: list[Fit] = []
-        for start in starts:
-            self.read_as(reading, start.angle_rad)
-            fits.append(self.both([start]))
-        return max(fits, key=lambda fit: fit.rank)
+        self.read_as(reading)
+        return self.both(starts)
 
     def at(self, pose: Pose) -> Fit:
         """Return how well both channels fit at a pose, without a step."""
@@ -215,23 +208,21 @@ class Aligner:
         )  # fmt: skip
         return Pose(angle, complex(x, y))
 
-    def _chosen(self, angles_rad: list[float], expected_rad: float) -> NDArray[np.int64]:
+    def _chosen(self, angles_rad: list[float], near_rad: float) -> NDArray[np.int64]:
         """Return the indices of the richest keyframe and of the nearest others that are rich enough."""
         rich = [key.richness for key in self._keys]
         richest = rich.index(max(rich))
         good = [k for k, one in enumerate(rich) if one >= KEYFRAMES.least_richness * rich[richest]]
-        others = sorted((k for k in good if k != richest), key=lambda k: abs(angles_rad[k] - expected_rad))
+        others = sorted((k for k in good if k != richest), key=lambda k: abs(angles_rad[k] - near_rad))
         return np.array([richest, *others[: int(KEYFRAMES.used) - 1]], np.int64)
 
     def _run(
         self, used: NDArray[np.int64], starts: Sequence[Pose], most: int, channels: int = 2, part: int = 1
     ) -> float:
-        prior = ALIGNMENT.prior_weight if channels == 2 else ALONE_PRIOR
         at = np.array([(angle, point.real, point.imag) for angle, point in starts])
         return align(
             self._bank, self._facts, used, self._slopes, self._texture, self._views, self._weights,
-            self._scratch, at, self._expected_rad, prior, ALIGNMENT.surprise_rad, self._share,
-            ALIGNMENT.score_of_loss, channels, most, part, self._out,
+            self._scratch, at, self._share, ALIGNMENT.score_of_loss, channels, most, part, self._out,
         )  # fmt: skip
 
     def _fit(self, alone: bool = False) -> Fit:

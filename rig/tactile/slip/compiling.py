@@ -123,8 +123,8 @@ def compile_half() -> None:
     weights = np.zeros((MOST_KEYS, 2, MOST_POINTS), np.float32)
     scratch = np.zeros((MOST_KEYS, 2, SCRATCH, MOST_POINTS), np.float32)
     align(
-        bank, facts, np.zeros(1, np.int64), planes, planes, views, weights, scratch, np.zeros((1, 3)), 0.0,
-        1.0, 1.0, 1.0, 1.0, 2, 1, 3, np.zeros(RESULTS),
+        bank, facts, np.zeros(1, np.int64), planes, planes, views, weights, scratch, np.zeros((1, 3)), 1.0,
+        1.0, 2, 1, 3, np.zeros(RESULTS),
     )  # fmt: skip
 
 

@@ -14,7 +14,7 @@ from calibration.gel.look import GelLook
 from drivers.clock import NS_PER_S
 from drivers.types import Image
 from rig.tactile.blas_threads import one_blas_thread
-from rig.tactile.contact.gate import ContactGate, Region
+from rig.tactile.contact.gate import Region, find_contact
 from rig.tactile.contact.gel_marks import LaterMarks, found_marks
 from rig.tactile.contact.relative import RelativeDifference, full_area, smoothed, work_size
 from rig.tactile.sample import FreshFrameEstimator, SlipSample, State, Stopwatch
@@ -31,8 +31,6 @@ from rig.tactile.slip.tracker import Seen, Tracked, Tracker
 
 WEAK_SHARE = 0.5
 """A contact that falls below this fraction of its largest strength times area may have ended."""
-LEAST_OWN = 1e-3
-"""Smallest `Keyframe.own` for sigma."""
 ANY_TURN_RAD = math.pi / math.sqrt(12.0)
 """Largest standard deviation: all angles within a half turn to either side are equally likely."""
 
@@ -73,7 +71,7 @@ class SlipEstimator(FreshFrameEstimator):
         self._fine_due = False
         self._lit = Lit(RelativeDifference(background, size), marked)
         self._fine_lit = Lit(RelativeDifference(background, fine), marked)
-        self._gate, self._tearing = ContactGate(), Tearing()
+        self._tearing = Tearing()
         self._slopes = None if look is None else CalibratedSlopes(look, background, size)
         self._tracker = Tracker(_learnt_alone if self._slopes is None else self._slopes.map)
         self._texture = TextureStage(self._fine_lit, scale, fine)
@@ -103,7 +101,7 @@ class SlipEstimator(FreshFrameEstimator):
         planes = self._lit.of(work, light, (0, 0, work.shape[1], work.shape[0]))
         clean = np.asarray(cv2.merge(list(planes)), np.float32)
         difference = smoothed(clean)
-        region = self._gate.find(difference)
+        region = find_contact(difference)
         if self._only_marks(fine, light, region, time_ns):
             region = None
         torn = self._tearing.update(region)
@@ -129,7 +127,6 @@ class SlipEstimator(FreshFrameEstimator):
             return of
 
         tracked = self._tracker.follow(Seen(pattern, texture, region, torn, time_ns), self._angle_rad or 0.0)
-        self._texture.placed(time_ns, self._tracker.contact)
         skipped = () if texture.cache_info().currsize else ("texture",)
         if skipped and not self._skip:
             texture(True)
@@ -215,14 +212,12 @@ class SlipEstimator(FreshFrameEstimator):
         # While the angle follows at its limit, it is no zero.
         self._settled = sample.settled is True and (self._settled or angle == wanted)
         evidence = (
-            (SIGMA.loss_rad * fit.loss) ** 2
-            + (SIGMA.worst_loss_rad * tracked.worst_loss) ** 2
+            SIGMA.least_rad**2
+            + (SIGMA.worst_loss_rad * min(tracked.worst_loss, 1.0)) ** 2
             + (SIGMA.worst_spread * tracked.worst_spread_rad) ** 2
-            + (SIGMA.turned * tracked.turned_rad) ** 2
-            + (SIGMA.indistinct_rad / max(tracked.own, LEAST_OWN)) ** 2
         )
         self._rate_rad_s = tracked.rate_rad_s
-        variance = evidence + SIGMA.least_rad**2 + (wanted - angle) ** 2 + self._unseen
+        variance = evidence + (wanted - angle) ** 2 + self._unseen
         if last is not None:
             slowly = variance + math.exp(-elapsed_s / SIGMA.pace_s) * (self._variance - variance)
             variance = max(variance, self._variance) if tracked.rekeyed else slowly

@@ -337,8 +337,8 @@ def _add(
 @compiled
 def align(
     bank: Values, facts: Sums, used: NDArray[np.int64], slopes: Values, texture: Values, views: Sums,
-    weights: Values, scratch: Values, starts: Sums, expected_rad: float, prior: float, surprise_rad: float,
-    slopes_share: float, score_of_loss: float, channels: int, most: int, part: int, out: Sums,
+    weights: Values, scratch: Values, starts: Sums, slopes_share: float, score_of_loss: float, channels: int,
+    most: int, part: int, out: Sums,
 ) -> float:  # fmt: skip
     """Align a frame to keyframes jointly, from several starts (S, 3); `out` gets the result of highest rank.
 
@@ -346,7 +346,6 @@ def align(
     frame's curvature times `score_of_loss`.
     bank: (K, 3, ROWS, N), with facts (K, FACTS); used: which of them, the richest first. slopes: (4, h, w),
     texture: (3, h, w). views: of both, pixels per work pixel, and an offset in x and y. weights: (K, 2, N).
-    prior: weight of the expected angle, which pulls no stronger than from `surprise_rad` away (Huber).
     channels: 1 for slopes alone, with plain weights. most: iterations. part: every Nth point is used.
     out: see `RESULTS`. Return the rank from the first start.
     """
@@ -401,8 +400,6 @@ def align(
                         matrix, pulls, weight * share, cosine, sine, facts[k, LEVER_X], facts[k, LEVER_Y],
                         normal, pulled,
                     )  # fmt: skip
-            normal[0, 0] += prior
-            pulled[0] += prior * min(max(expected_rad - angle, -surprise_rad), surprise_rad)
             if last:
                 break
             step = _solved(normal, pulled)

@@ -17,13 +17,12 @@ Values = dict[str, dict[str, float]]
 class Motion:
     """Prediction of the pose.
 
-    horizon_s: longest extrapolation. acceleration_rad_s2: of rotations that are not observed. most_shift_px:
-    largest shift per frame. rate_s: time over which the rate is averaged.
+    horizon_s: longest extrapolation. acceleration_rad_s2: of rotations that are not observed. rate_s: time
+    over which the rate is averaged.
     """
 
     horizon_s: float
     acceleration_rad_s2: float
-    most_shift_px: float
     rate_s: float
 
 
@@ -31,26 +30,24 @@ class Motion:
 class Alignment:
     """Alignment of a frame to the keyframes.
 
-    slopes_share: weight of the slopes beside the texture in the first reading. broad_share: part of the broad
-    slopes that is subtracted. prior_weight: of the expected angle. rest_share, noise_share: likelihood of
-    points that rest with the gel, and their noise, in squares of the template. good_score, most_loss,
-    surprise_rad, check_frames: a fit that is worse than this fraction of the usual score, loses more
-    agreement of the curvature, surprises by more, or was not checked for this number of frames, is searched;
-    from that surprise on the expected angle pulls no stronger.
+    slopes_share: weight of the slopes beside the texture in the first reading. broad_share: part of the
+    broad slopes that is subtracted. rest_share, noise_share: likelihood of points that rest with the gel,
+    and their noise, in squares of the template. good_score, most_loss, surprise_rad, check_frames: a better
+    pose is searched for if a fit is worse than this fraction of the usual score, loses more agreement of
+    the curvature, has turned by more since the last frame, or was not checked for this number of frames.
     score_of_loss: weight of the loss in the rank. aside_rad: distance of further starts. least_score,
     give_up_s: a joint fit below is none; the contact begins again after this time without one. network_s,
     look_s: period of the network, and of the texture while the slopes lead. steep_share: slopes above this
     fraction of the root mean square get less weight. plain_fit, growing_fit: correlation of the slopes from
-    which on they explain the frame alone, of a settled contact and of one that grows. more_score, rests_rad:
-    the rank of the joint fit must exceed that of the slopes by this; nearer to a keyframe it keeps its own
-    pose. most_prior, count_power: prior weight of slopes at turning texture. iterations: most steps.
-    closing_rank, closing_gain: a direct alignment to an old keyframe corrects the pose if its rank is as
-    high, and higher than at the pose.
+    which on they explain the frame alone, of a settled contact and of one that grows. more_score: the
+    texture takes the lead if the rank of the joint fit exceeds that of the slopes by this; it loses the
+    lead if its rank is lower. most_prior, count_power: prior weight of slopes at turning texture.
+    iterations: most steps. closing_rank, closing_gain: a direct alignment to an old keyframe corrects the
+    pose if its rank is as high, and higher than at the pose.
     """
 
     slopes_share: float
     broad_share: float
-    prior_weight: float
     rest_share: float
     noise_share: float
     good_score: float
@@ -66,7 +63,6 @@ class Alignment:
     growing_fit: float
     look_s: float
     more_score: float
-    rests_rad: float
     most_prior: float
     count_power: float
     check_frames: float
@@ -103,18 +99,14 @@ class Keyframes:
 class Sigma:
     """Standard deviation of the angle.
 
-    loss_rad, worst_loss_rad: per loss of agreement of the curvature, present and largest, see `Tracked`.
-    worst_spread: per largest difference between the readings. turned: per rotation. indistinct_rad: divided
-    by `Keyframe.own`. least_rad: in any case. least_distinct, least_textured, textured_oblong, least_oblong,
-    cut_distinct, cut_oblong: see `Keyframe.observable`; smooth balls have less. pace_s: time over which sigma
-    follows.
+    worst_loss_rad: per largest loss of agreement of the curvature, which counts at most 1, see `Tracked`.
+    worst_spread: per largest difference between the readings. least_rad: in any case. least_distinct,
+    least_textured, textured_oblong, least_oblong, cut_distinct, cut_oblong: see `Keyframe.observable`;
+    smooth balls have less. pace_s: time over which sigma follows.
     """
 
-    loss_rad: float
     worst_loss_rad: float
     worst_spread: float
-    turned: float
-    indistinct_rad: float
     least_rad: float
     least_distinct: float
     least_textured: float

@@ -6,7 +6,7 @@ each further keyframe, a map learnt again, and the change of all keyframes to it
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 
 import cv2
@@ -27,7 +27,7 @@ from rig.tactile.slip.texture import Texture
 FURTHER_SHARES = 0.02, 2.0
 """Weights of the slopes in the further readings: nearly texture alone, and mostly slopes."""
 ASIDES = -2.0, -1.0, 1.0, 2.0
-"""Further starts beside the expected angle, in units of `aside_rad`."""
+"""Further starts beside the last angle, in units of `aside_rad`."""
 NEAR_TURNS, NEAR_STEPS, FAR_STEPS = 3, 4, 8
 """Steps of the search by curvature around a fit, and after a gap between frames, to either side."""
 MOST_TURN_RAD, MOST_REACH_RAD = math.radians(25.0), math.pi / 2.0
@@ -81,17 +81,14 @@ class Tracked:
     """The fit of a frame.
 
     worst_loss, worst_spread_rad: largest loss of agreement, and largest difference between the readings,
-    since the contact settled; before that, since it began. turned_rad: rotation since the contact settled.
-    rekeyed: whether a keyframe was added, or slopes and texture have changed the lead. own: the largest `own`
-    of the keyframes, see `Keyframe`; 1 in the first frame. rate_rad_s: averaged.
+    since the keyframe of the settled contact; before that, since the contact began. rekeyed: whether a
+    keyframe was added, or slopes and texture have changed the lead. rate_rad_s: averaged.
     """
 
     fit: Fit
     worst_loss: float
     worst_spread_rad: float
-    turned_rad: float
     rekeyed: bool
-    own: float
     rate_rad_s: float
 
 
@@ -145,7 +142,7 @@ class Touch:
     @property
     def tracked(self) -> Tracked:
         """The fit of the frame, at the pose of the touch."""
-        return Tracked(Fit(self.pose, 1.0, 1.0, 0.0, 1.0, True), 0.0, 0.0, 0.0, True, 1.0, 0.0)
+        return Tracked(Fit(self.pose, 1.0, 1.0, 0.0, 1.0, True), 0.0, 0.0, True, 0.0)
 
 
 class Contact:
@@ -163,8 +160,7 @@ class Contact:
         self._readings = [Reading(share, pose) for share in (ALIGNMENT.slopes_share, *FURTHER_SHARES)]
         self._settling, self._settled_frames = Settling(), 0
         self._middle_px, self._contact_px = touch.pose.point_px, 0j
-        self._zero_rad, self._time_s = pose.angle_rad, touch.time_s
-        self._rate_rad_s, self._motion_px = 0.0, 0j
+        self._rate_rad_s, self._time_s = 0.0, touch.time_s
         self._usual_score, self._checked, self._looked_s = 1.0, 0, touch.time_s
         self._weighed_s = touch.time_s
         self._texture_leads, self._led, self.disagrees = False, 0, False
@@ -203,11 +199,6 @@ class Contact:
         """Make a keyframe of the next frame."""
         self._forced = True
 
-    def expected(self, time_s: float) -> Pose:
-        """Return the pose that is expected at a time."""
-        ahead_s = min(time_s - self._time_s, MOTION.horizon_s)
-        return Pose(self.pose.angle_rad + self._rate_rad_s * ahead_s, self.pose.point_px + self._motion_px)
-
     def follow(self, seen: Seen, busy: bool) -> Tracked | None:
         """Return the fit of a frame; None if no keyframe fits. busy: whether a keyframe was made in it."""
         middle = _middle(seen.region.mask)
@@ -233,22 +224,13 @@ class Contact:
         return self._answered(fit)
 
     def _answered(self, fit: Fit) -> Tracked:
-        """Return the answer from the readings.
-
-        The gel can hide a rotation, because it rests, but it cannot invent one: while the texture leads, the
-        reading that has turned furthest since the contact settled is the answer.
-        """
+        """Return the fit with the largest loss and the largest difference between the readings so far."""
         angles = [reading.pose.angle_rad for reading in self._readings]
-        if self._settling.settled and not fit.alone:
-            furthest = max(angles, key=lambda angle: abs(angle - self._zero_rad))
-            fit = replace(fit, pose=Pose(furthest, fit.pose.point_px))
         if self._alone is not None:
             angles.append(self._alone.angle_rad)
         self._worst_loss = max(self._worst_loss, fit.loss)
         self._worst_spread_rad = max(self._worst_spread_rad, max(angles) - min(angles))
-        turned, worst = fit.angle_rad - self._zero_rad, (self._worst_loss, self._worst_spread_rad)
-        own = max(key.own for key in self.keys)
-        return Tracked(fit, *worst, turned, self._rekeyed, own, self._rate_rad_s)
+        return Tracked(fit, self._worst_loss, self._worst_spread_rad, self._rekeyed, self._rate_rad_s)
 
     def _settle(self) -> None:
         """Count rotations from here, with a keyframe and one pose for all readings.
@@ -256,7 +238,7 @@ class Contact:
         From now on the middle of the contact is tracked: while it grew, the point may have moved along it.
         """
         self._forced, self._anew, first = True, True, self._readings[0]
-        self._zero_rad, self._joint = first.pose.angle_rad, None
+        self._joint = None
         self.anchored_px = self._middle_px - first.pose.point_px
         for reading in self._readings[1:]:
             reading.join(first)
@@ -275,6 +257,8 @@ class Contact:
             return
         if self._settling.settled and not alone:
             poses = self._closed(source, poses)
+        if self._anew:
+            self._worst_loss = self._worst_spread_rad = 0.0
         self._anew = False
         self._keep(kept)
         if not self.keys or key.richness > self.richest.richness:
@@ -350,8 +334,6 @@ class Contact:
     def _accept(self, fit: Fit, time_s: float) -> None:
         """Take the pose of a frame, and update the motion; readings that did not align move with it."""
         by = fit.pose.since(self.pose)
-        bounded = by.point_px * min(1.0, MOTION.most_shift_px / max(abs(by.point_px), 1e-9))
-        self._motion_px = 0.5 * (self._motion_px + bounded)
         elapsed_s = time_s - self._time_s
         self._rate_rad_s += min(1.0, elapsed_s / MOTION.rate_s) * (
             by.angle_rad / elapsed_s - self._rate_rad_s
@@ -367,15 +349,15 @@ class Contact:
         If the slopes alone explain the frame, they are those of the object, and the texture is examined only
         from time to time.
         """
-        start, mask, aligner = self.expected(seen.time_s), seen.region.mask, self._aligner
+        mask, aligner = seen.region.mask, self._aligner
         box = contact_box(mask)
         slopes = slope_planes(seen.difference, self._map, mask, box, ALIGNMENT.broad_share)
-        aligner.view(slopes, box[:2], self._readings[0], start.angle_rad)
+        aligner.view(slopes, box[:2], self._readings[0])
         self._aligned: list[Reading] = []
         self._led = self._led + 1 if self._texture_leads else 0
         gap = seen.time_s - self._time_s > GAP_S
-        alone = aligner.alone(start) if self._led % AFTER_LEADING == 0 and not gap else None
-        if alone is not None and not self._explains(alone, start, seen.time_s):
+        alone = aligner.alone(self.pose) if self._led % AFTER_LEADING == 0 and not gap else None
+        if alone is not None and not self._explains(alone, seen.time_s):
             alone = None
         self._alone = alone
         if alone is not None and not self._texture_leads:
@@ -384,85 +366,79 @@ class Contact:
         self._looked_s = seen.time_s
         texture = seen.texture(busy)
         aligner.view_texture(texture)
-        joint = self._jointly(seen, start, alone, gap, busy or texture.heavy)
-        self._read_further(joint, start, seen.time_s)
+        joint = self._jointly(seen, alone, gap, busy or texture.heavy)
+        self._read_further(joint, seen.time_s)
         angles = [reading.pose.angle_rad for reading in self._readings]
         if gap or max(angles) - min(angles) > APART_RAD:
-            joint = self._with_others(joint, start)
+            joint = self._with_others(joint)
         if alone is not None:
-            aligner.read_as(self._readings[0], start.angle_rad)
-            if joint.rank < aligner.at(alone.pose).rank + ALIGNMENT.more_score:
-                self._texture_leads = False
-                # The gel can hide a rotation: near rest the joint alignment keeps its own pose.
-                nearest = min(
-                    abs(alone.angle_rad - self._readings[0].keys[k].angle_rad) for k in aligner.used
-                )
-                self._joint = joint.pose if nearest < ALIGNMENT.rests_rad else None
+            aligner.read_as(self._readings[0])
+            margin = 0.0 if self._texture_leads else ALIGNMENT.more_score
+            if joint.rank < aligner.at(alone.pose).rank + margin:
+                self._texture_leads, self._joint = False, None
                 return alone, True
         self._texture_leads, self._joint = True, joint.pose
         return joint, True
 
-    def _explains(self, alone: Fit, expected: Pose, time_s: float) -> bool:
-        near = abs(alone.angle_rad - expected.angle_rad) < self._reach_rad(time_s)
+    def _explains(self, alone: Fit, time_s: float) -> bool:
+        near = abs(alone.angle_rad - self.pose.angle_rad) < self._reach_rad(time_s)
         least = ALIGNMENT.plain_fit if self._settling.settled else ALIGNMENT.growing_fit
         return alone.best >= least and near
 
-    def _read_further(self, joint: Fit, expected: Pose, time_s: float) -> None:
+    def _read_further(self, joint: Fit, time_s: float) -> None:
         """Align in the other readings, from their own pose and from the first reading's rotation."""
         first = self._readings[0]
         k = self._aligner.used[0]
-        ahead, turned = expected.since(first.pose), joint.pose.since(first.pose)
+        turned = joint.pose.since(first.pose)
         from_key = joint.pose.since(first.keys[k])
         for reading in self._readings[1:]:
-            starts = [reading.pose.moved(ahead), reading.pose.moved(turned), reading.keys[k].moved(from_key)]
-            self._aligner.read_as(reading, starts[0].angle_rad)
+            starts = [reading.pose, reading.pose.moved(turned), reading.keys[k].moved(from_key)]
+            self._aligner.read_as(reading)
             fit = self._aligner.both(_apart(starts))
             if abs(fit.angle_rad - reading.pose.angle_rad) <= self._reach_rad(time_s):
                 reading.pose = fit.pose
                 self._aligned.append(reading)
 
-    def _with_others(self, joint: Fit, expected: Pose) -> Fit:
+    def _with_others(self, joint: Fit) -> Fit:
         """Return the fit of the first reading from the rotations of the others, if its rank is higher."""
         first, k = self._readings[0], self._aligner.used[0]
         starts = [first.keys[k].moved(reading.pose.since(reading.keys[k])) for reading in self._aligned]
         if not starts:
             return joint
-        self._aligner.read_as(first, expected.angle_rad)
+        self._aligner.read_as(first)
         return max(joint, self._aligner.both(starts), key=lambda fit: fit.rank)
 
-    def _jointly(self, seen: Seen, start: Pose, alone: Fit | None, gap: bool, busy: bool) -> Fit:
+    def _jointly(self, seen: Seen, alone: Fit | None, gap: bool, busy: bool) -> Fit:
         """Align both channels, and search for a better pose after a gap or if the fit is worse than usual."""
         aligner, own = self._aligner, self._joint
-        found = aligner.both([start] if alone is None or own is None else [own, alone.pose])
+        found = aligner.both([self.pose] if alone is None or own is None else [own, alone.pose])
         self._usual_score += 0.2 * (min(found.score, 1.5) - self._usual_score)
         self._checked += 1
         self.disagrees = found.loss >= ALIGNMENT.most_loss
-        if not gap and (busy or not self._doubtful(found, start)):
+        if not gap and (busy or not self._doubtful(found)):
             return found
         self._checked = 0
-        best, first = aligner.coarse(self._starts(found, start, seen.time_s, gap))
+        best, first = aligner.coarse(self._starts(found, seen.time_s, gap))
         if best.rank < first + BETTER:
             return found
         return max(found, aligner.both([best.pose]), key=lambda fit: fit.rank)
 
-    def _doubtful(self, found: Fit, expected: Pose) -> bool:
+    def _doubtful(self, found: Fit) -> bool:
         """Whether a fit is worse than usual, surprising, or has not been checked for some frames."""
         return (
             found.score < ALIGNMENT.good_score * self._usual_score
-            or abs(found.angle_rad - expected.angle_rad) > ALIGNMENT.surprise_rad
+            or abs(found.angle_rad - self.pose.angle_rad) > ALIGNMENT.surprise_rad
             or abs(found.pose.point_px - self.pose.point_px - self._contact_px) > ASTRAY_PX
             or self.disagrees
             or self._checked >= ALIGNMENT.check_frames
         )
 
-    def _starts(self, found: Fit, expected: Pose, time_s: float, gap: bool) -> list[Pose]:
+    def _starts(self, found: Fit, time_s: float, gap: bool) -> list[Pose]:
         """Return the fit, and poses from which a better one may be found."""
         angle, point = self.pose
         shifted = point + self._contact_px
-        asides = (expected.angle_rad + aside * ALIGNMENT.aside_rad for aside in ASIDES)
-        starts = [found.pose, self.pose, *(Pose(aside, point) for aside in asides)]
-        opposite = 2.0 * expected.angle_rad - angle
-        starts += [Pose(each, shifted) for each in (angle, expected.angle_rad, opposite)]
+        asides = (angle + aside * ALIGNMENT.aside_rad for aside in ASIDES)
+        starts = [found.pose, self.pose, *(Pose(aside, point) for aside in asides), Pose(angle, shifted)]
         if self.disagrees:
             sought = self._aligner.sought(found.pose, NEAR_TURNS, NEAR_STEPS)
             if abs(sought.angle_rad - angle) < self._reach_rad(time_s):

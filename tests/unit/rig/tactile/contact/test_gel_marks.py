@@ -9,7 +9,7 @@ import pytest
 from drivers.clock import NS_PER_S
 from drivers.types import Frame, Image
 from rig.tactile.contact.background import mean_background
-from rig.tactile.contact.gate import ContactGate
+from rig.tactile.contact.gate import find_contact
 from rig.tactile.contact.gel_marks import MOST_SHARE, GelMarks, LaterMarks, found_marks
 from rig.tactile.contact.relative import RelativeDifference, work_size
 from rig.tactile.estimators import choose_estimator
@@ -165,7 +165,7 @@ def test_frames_beside_a_contact_are_not_searched() -> None:
 
 def explained(image: Image, background: Image) -> bool:
     light = RelativeDifference(background, (60, 80))
-    region = ContactGate().find(light.of(light.reduced(image)))
+    region = find_contact(light.of(light.reduced(image)))
     return LaterMarks(found_marks(background, FINE)).explain(difference(image, background), region, True)
 
 
@@ -184,4 +184,4 @@ def test_saturated_pixels_are_no_contact() -> None:
     dark[100:220, 60:180] = 160
     light = RelativeDifference(dark, work_size(dark.shape, 1.0))
     bright = np.clip(2.0 * dark.astype(np.float32), 0, 255).astype(np.uint8)
-    assert ContactGate().find(light.of(light.reduced(bright))) is None
+    assert find_contact(light.of(light.reduced(bright))) is None

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.types import Image
-from rig.tactile.contact.gate import ContactGate
+from rig.tactile.contact.gate import find_contact
 from rig.tactile.sample import State
 from rig.tactile.slip.estimator import SlipEstimator
 from rig.tactile.slip.gradient import learn_map
@@ -129,7 +129,7 @@ def test_colour_map_is_learnt_for_any_led_directions(
     leds = [0.2 * g * cmath.exp(1j * math.radians(a)) for a, g in zip(azimuths_deg, gains, strict=True)]
     seen = np.stack([(true * led).real for led in leds], axis=2)
     seen = (seen + np.random.default_rng(0).normal(0, 0.004, seen.shape)).astype(np.float32)
-    region = ContactGate().find(seen)
+    region = find_contact(seen)
     learnt = learn_map(seen, region.mask)
     inside = region.mask > 0
     found, known = learnt.apply(seen)[inside], true[inside]

@@ -70,7 +70,7 @@ def done(*words: object) -> Any:
     return json.loads(ended.stdout)
 
 
-@pytest.mark.long
+@pytest.mark.heavy
 def test_lab_workflow_runs_from_an_empty_folder_to_results(lab: Path) -> None:
     bench = ("--bench", "bench.toml")
     (found,) = done("teach", "lever", *bench, "--yes")["positions"]

@@ -27,7 +27,7 @@ from rig.sessions.reading import phase_times, recorded_angles
 from rig.sessions.records import LIFT_TIMINGS, LIFTS, POSES
 from rig.sessions.rows import read_lifts, read_rows
 from rig.tactile.angles import Angles
-from support.marks import long
+from support.marks import heavy
 
 STORED = Path(__file__).parents[1] / "data"
 TRIAL, RECORD = STORED / "stored_trial", STORED / "stored_record"
@@ -62,6 +62,7 @@ def test_stored_sessions_are_listed_with_their_results() -> None:
     assert trial.mare.mean_deg == pytest.approx(1.0453961448583102, abs=1e-12)
 
 
+@pytest.mark.heavy
 def test_replay_gives_the_stored_rows() -> None:
     assert run_replay(stored_trial(TRIAL), jobs=1).identical == 1
 
@@ -74,6 +75,7 @@ def test_complete_trial_is_opened_unchanged(trial: Path) -> None:
     assert {path: path.read_bytes() for path in before} == before
 
 
+@pytest.mark.heavy
 def test_stored_sessions_have_reports_and_a_film(trial: Path, tmp_path: Path) -> None:
     for folder, said in ((trial, "toothbrush, lift 1"), (RECORD, "Recording of 7 spam")):
         written = write_report([folder], tmp_path / f"{folder.name}.html")
@@ -95,7 +97,8 @@ def test_stored_sessions_are_exported(to: str, tmp_path: Path) -> None:
         assert of_record["images"] == 2
 
 
-@pytest.mark.parametrize("place", [0, *long(1)])
+@pytest.mark.heavy
+@pytest.mark.parametrize("place", [0, *heavy(1)])
 def test_streamed_frames_give_the_angles_of_the_lift(one_lift: Path, place: int) -> None:
     recording = one_lift / "lifts" / "001.mcap"
     tip, phases = recording_frames(recording)[place], phase_times(recording)

@@ -181,7 +181,7 @@ def test_workflow_runs_readmes_test_command_and_a_campaign() -> None:
         "codespell",
         "site.py",
         "wheel.py",
-        "pytest --long",
+        "pytest --all",
     )
     assert all(step in "\n".join(checks) for step in steps)
     campaign = next(line for line in lines if "rig trial" in line)

@@ -115,6 +115,7 @@ def states(pictures: list[Image], period_ns: int = PERIOD_NS) -> list[bool]:
     return found
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("name", COPIES)
 def test_copies_are_frozen_after_the_limit_until_pictures_change(name: str) -> None:
     source = live(3)
@@ -128,6 +129,7 @@ def test_copies_are_frozen_after_the_limit_until_pictures_change(name: str) -> N
     assert not any(found[LIVE + 90 :]), "live again"
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("quality", [70, 80, 90, 95, 100])
 @pytest.mark.parametrize("seed", [0, 5])
 def test_sensor_at_rest_is_not_frozen(seed: int, quality: int) -> None:
@@ -148,6 +150,7 @@ def test_few_frames_per_second_need_several_repeats() -> None:
     assert states([pictures[0]] * 5, FROZEN_NS * 2) == [number >= FROZEN_REPEATS for number in range(5)]
 
 
+@pytest.mark.heavy
 def test_dimmed_sensor_with_less_noise_is_not_frozen() -> None:
     rng = np.random.default_rng(0)
 

@@ -41,6 +41,7 @@ def test_arm_stops_and_rises_if_the_fingers_meet_the_table(lift_of: LiftOf) -> N
     assert lift.height_m == pytest.approx(CLEARANCE_M, abs=2e-3)
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("most_n", [1e4, None])
 def test_force_limit_is_that_of_the_bench_file_and_without_a_sensor_there_is_none(
     lift_of: LiftOf, monkeypatch: pytest.MonkeyPatch, most_n: float | None
@@ -53,12 +54,13 @@ def test_force_limit_is_that_of_the_bench_file_and_without_a_sensor_there_is_non
     assert lift.run() == "done"
 
 
-@pytest.mark.slow
+@pytest.mark.heavy
 def test_setting_down_an_object_is_not_reported_as_contact(lift_of: LiftOf) -> None:
     for object_id in ("t1", "7", "9"):
         assert lift_of(object_id).run() == "done"
 
 
+@pytest.mark.heavy
 def test_lost_gripper_stops_the_descent(lift_of: LiftOf, monkeypatch: pytest.MonkeyPatch) -> None:
     lift = lift_of()
     half_m = lift.plan.base_T_grasp.position_m[2] + CLEARANCE_M / 2
@@ -79,6 +81,7 @@ def test_lost_gripper_stops_the_descent(lift_of: LiftOf, monkeypatch: pytest.Mon
 NAN = float("nan")
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize(
     ("before", "after"),
     [
@@ -149,6 +152,7 @@ def test_moving_fingers_stop_if_their_state_becomes_invalid(
     assert gripper.state().opening_m >= stopped_m - 2 * gripper.spec.resolution_m
 
 
+@pytest.mark.heavy
 def test_step_of_a_tip_that_meets_the_table_is_stopped_and_asked_again(lift_of: LiftOf) -> None:
     bench = lift_of().bench
     height_m = bench.base_T_table.position_m[2] + FIRST_ABOVE_M

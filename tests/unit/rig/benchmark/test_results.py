@@ -47,6 +47,7 @@ def report(result: EstimatorsResult) -> Report:
     return study.report_of(result)
 
 
+@pytest.mark.heavy
 @pytest.mark.usefixtures("result")
 def test_progress_names_each_step() -> None:
     recorded, *others = PROGRESS
@@ -54,6 +55,7 @@ def test_progress_names_each_step() -> None:
     assert others == ["1/1 timed on lift t2/1", "1/1 estimators on t2/1"]
 
 
+@pytest.mark.heavy
 def test_benchmark_scores_a_lift_as_in_the_trial(result: EstimatorsResult) -> None:
     rows = read_finished_lifts(result.session)
     for name, window in (("slip", 1), ("pca", 4)):
@@ -65,6 +67,7 @@ def test_benchmark_scores_a_lift_as_in_the_trial(result: EstimatorsResult) -> No
         assert found == pytest.approx(expected, abs=1e-9)
 
 
+@pytest.mark.heavy
 def test_every_estimator_has_every_window_from_one_pass(result: EstimatorsResult, report: Report) -> None:
     assert set(result.scores) == {(name, window) for name in (*CONTENDERS, "kolamuri") for window in WINDOWS}
     assert set(result.timing.contenders) == {*CONTENDERS, "kolamuri"}
@@ -75,6 +78,7 @@ def test_every_estimator_has_every_window_from_one_pass(result: EstimatorsResult
         assert of.stages["contact"].count == of.contact.count
 
 
+@pytest.mark.heavy
 def test_limit_without_measurement_is_missed(result: EstimatorsResult, report: Report) -> None:
     limits = {limit.name: limit for limit in report.limits}
     assert len(limits) == 10
@@ -90,6 +94,7 @@ def test_limit_without_measurement_is_missed(result: EstimatorsResult, report: R
     assert "times as fast as the published second stage" in {v.name for v in bad if not v.met}
 
 
+@pytest.mark.heavy
 def test_result_files_and_documentation_contain_all_figures(result: EstimatorsResult, report: Report) -> None:
     assert len(report.figures["estimators"]) == len(result.scores)
     assert report.files[study.TABLE] == report.section + "\n"
@@ -101,6 +106,7 @@ def test_result_files_and_documentation_contain_all_figures(result: EstimatorsRe
         assert columns == study.estimator_table(result).columns[: study.README_COLUMNS]
 
 
+@pytest.mark.heavy
 def test_tables_have_a_cell_per_column(result: EstimatorsResult) -> None:
     balls = replace(result, stress=stress_rows(run_stress(0, ("slip",), ("round", "3:0"))))
     for table in (study.estimator_table(result), study.stress_table(balls)):

@@ -218,7 +218,7 @@ def test_measured_openings_are_extrapolated_with_the_nominal_slope() -> None:
         assert 6 + spec.step_at(opening_m) == counts
 
 
-@pytest.mark.slow
+@pytest.mark.heavy
 def test_lift_with_calibrations_replays_identically(
     light_bench: BenchConfig, two_lifts: Path, tmp_path: Path
 ) -> None:

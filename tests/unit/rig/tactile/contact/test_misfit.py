@@ -57,6 +57,7 @@ def background_of(desk: Sequence[Frame]) -> Image:
     return mean_background([frame.image for frame in desk[:15]])
 
 
+@pytest.mark.heavy
 def test_right_background_fits(desk: list[Frame]) -> None:
     assert misfit(background_of(desk), [frame.image for frame in desk[::3]]) == ""
 
@@ -80,6 +81,7 @@ def test_shift_along_which_the_gel_hardly_changes_is_named(desk: list[Frame], wa
     assert "shifted by about" in misfit(shifted(background_of(desk), *way), [f.image for f in desk[::3]])
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize(
     ("rows", "columns", "name"),
     [
@@ -100,6 +102,7 @@ def test_frame_of_the_size_of_a_block_has_no_blocks() -> None:
     assert misfit(small, [small] * 5) == ""
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize(("quality", "named"), [(30, True), (70, False)])
 def test_strong_compression_is_named_with_its_own_remedy(
     desk: list[Frame], quality: int, named: bool
@@ -115,6 +118,7 @@ def test_strong_compression_is_named_with_its_own_remedy(
     assert doubt.endswith(expected) if named else doubt == ""
 
 
+@pytest.mark.heavy
 def test_recorded_frames_with_a_shifted_background_have_no_angle(desk: list[Frame]) -> None:
     frames, times_s = [frame.image for frame in desk], [frame.time_ns / NS_PER_S for frame in desk]
     with pytest.warns(UserWarning, match="do not fit the background: shifted by about"):
@@ -123,6 +127,7 @@ def test_recorded_frames_with_a_shifted_background_have_no_angle(desk: list[Fram
     assert not {"tracking", "rekeyed"} & set(found.states)
 
 
+@pytest.mark.heavy
 def test_streamed_frames_with_dead_rows_have_no_angle(desk: list[Frame]) -> None:
     stream = rig.estimator(background=background_of(desk))
     with pytest.warns(UserWarning, match="dead rows") as warned:
@@ -131,6 +136,7 @@ def test_streamed_frames_with_dead_rows_have_no_angle(desk: list[Frame]) -> None
     assert all(sample.angle_deg is None and sample.state != "tracking" for sample in found[30:])
 
 
+@pytest.mark.heavy
 def test_live_view_with_a_shifted_background_has_a_doubt_and_no_angle(desk: list[Frame]) -> None:
     sensor = DeskSensor("D", choose_estimator("slip"), 1, shifted(background_of(desk), -12, 9), None)
     shown = [sensor.take(frame, SystemClock()).values() for frame in desk]
@@ -148,7 +154,6 @@ def real_clips_of(folder: Path) -> list[tuple[Image, list[Image]]]:
     return found
 
 
-@pytest.mark.slow
 def test_backgrounds_of_real_clips_fit_and_shifted_ones_do_not(real_clips: Path) -> None:
     clips = real_clips_of(real_clips)
     assert [misfit(*clip) for clip in clips] == [""] * len(clips)
@@ -161,7 +166,6 @@ def test_backgrounds_of_real_clips_fit_and_shifted_ones_do_not(real_clips: Path)
     assert all("blocks of 8 pixels" in text for text in strong)
 
 
-@pytest.mark.slow
 def test_backgrounds_of_real_turns_fit() -> None:
     folder = Path(os.environ.get("RIG_REAL_TURNS", ""))
     if not (folder / "pk_133601").is_dir():

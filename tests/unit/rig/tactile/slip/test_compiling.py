@@ -106,7 +106,7 @@ def test_process_waits_while_another_one_compiles_and_starts_no_child(
     assert entered.is_set()
 
 
-@pytest.mark.long
+@pytest.mark.heavy
 def test_child_process_compiles_the_other_half_into_the_cache(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -115,7 +115,7 @@ def test_replay_of_a_reaction_is_identical_and_counts_the_caught_lifts(folder: P
 @pytest.mark.heavy
 def test_replay_with_other_estimator_has_the_commands_and_no_event(folder: Path, caught: Lift) -> None:
     replay = run_replay(stored_trial(folder, "pca"), jobs=1)
-    assert replay.identical is None
+    assert replay.agreement is None
     row = replay.rows[0]
     assert row.reactions
     assert caught.reactions

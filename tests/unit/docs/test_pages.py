@@ -181,6 +181,7 @@ def test_workflow_runs_readmes_test_command_and_a_campaign() -> None:
         "codespell",
         "site.py",
         "wheel.py",
+        "other_processor.py -m pytest",
         "pytest --all",
     )
     assert all(step in "\n".join(checks) for step in steps)

@@ -238,7 +238,7 @@ def test_lift_with_calibrations_replays_identically(
     assert calibrated.mare != summarize_trial(read_lifts(two_lifts)[:1]).mare
     kept = read_manifest_of(tmp_path / "calibrated", TrialManifest, "no trial")
     assert kept.calibration["camera-SIM-C0001"].sha256 == "ab" * 32
-    assert run_replay(stored_trial(tmp_path / "calibrated"), jobs=1).identical == 1
+    assert run_replay(stored_trial(tmp_path / "calibrated"), jobs=1).agreement == (1, 1, 0.0)
 
 
 def with_gel(folder: Path, name: str, simulated: bool = True) -> BenchConfig:

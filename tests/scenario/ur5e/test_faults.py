@@ -17,12 +17,12 @@ from drivers.ur5e.arm import ToolSetting, UR5e
 from drivers.ur5e.link import ArmLink
 from drivers.ur5e.status import PLAYING
 from fakes.wire.ur.controller import URController
-from support.marks import long
+from support.marks import long, require_ur_rtde
 from support.ur5e import agree, first_error, make_arm, refuse, stands
 from support.waiting import until
 from support.worlds import HOME
 
-pytest.importorskip("rtde_control", reason="ur-rtde is not installed here")
+require_ur_rtde()
 
 
 def test_protective_stop_is_released_on_request_only(controller: URController, arm: UR5e) -> None:

@@ -14,13 +14,13 @@ from drivers.types import Vector6
 from drivers.ur5e.arm import UR5e
 from drivers.ur5e.status import from_ur, to_ur
 from fakes.wire.ur.controller import URController
-from support.marks import long
+from support.marks import long, require_ur_rtde
 from support.slow_motion import CLOCK, SLOWNESS, pause
 from support.ur5e import make_arm, running, stands
 from support.waiting import LIMIT_S, until
 from support.worlds import HOME
 
-pytest.importorskip("rtde_control", reason="ur-rtde is not installed here")
+require_ur_rtde()
 ASIDE: Vector6 = to_ur(HOME.translated(x_m=0.1, z_m=-0.15))
 
 GUIDED = """

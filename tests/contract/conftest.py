@@ -20,6 +20,7 @@ from rig.bench.fakes_process import fakes_control, started_fakes
 from rig.config import BenchConfig, load_bench
 from rig.contract_checks import make_ready_to_move, reconnect
 from support.benches import lighter
+from support.marks import require_ur_rtde
 from support.slow_motion import CLOCK, SLOWNESS
 
 EVERY_SIZE, SOME_SIZES = "slip", ((13, 17), (241, 319))
@@ -43,6 +44,7 @@ def wire_station(request: pytest.FixtureRequest) -> Iterator[Station]:
 
     `pytest_runtest_teardown` ends them.
     """
+    require_ur_rtde()
     with ExitStack() as running:
         request.config.stash[RUNNING] = running
         config = running.enter_context(started_fakes(lighter("wire"), SLOWNESS))

@@ -17,12 +17,12 @@ from drivers.ur5e.arm import ToolSetting, UR5e
 from drivers.ur5e.link import ArmLink
 from drivers.ur5e.status import PLAYING
 from fakes.wire.ur.controller import URController
-from support.marks import heavy
+from support.marks import heavy, require_ur_rtde
 from support.ur5e import agree, first_error, make_arm, refuse, stands
 from support.waiting import until
 from support.worlds import HOME
 
-pytest.importorskip("rtde_control", reason="ur-rtde is not installed here")
+require_ur_rtde()
 
 
 @pytest.mark.heavy

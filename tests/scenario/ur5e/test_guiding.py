@@ -14,7 +14,7 @@ from drivers.types import Vector6
 from drivers.ur5e.arm import UR5e
 from drivers.ur5e.status import from_ur, to_ur
 from fakes.wire.ur.controller import URController
-from support.marks import heavy
+from support.marks import heavy, require_ur_rtde
 from support.slow_motion import CLOCK, SLOWNESS, pause
 from support.ur5e import make_arm, running, stands
 from support.waiting import LIMIT_S, until
@@ -22,7 +22,7 @@ from support.worlds import HOME
 
 pytestmark = pytest.mark.heavy
 
-pytest.importorskip("rtde_control", reason="ur-rtde is not installed here")
+require_ur_rtde()
 ASIDE: Vector6 = to_ur(HOME.translated(x_m=0.1, z_m=-0.15))
 
 GUIDED = """

@@ -19,7 +19,7 @@ from fakes.wire.ur.controller import URController
 from fakes.world.kinematics import TOOL_LENGTH_M, from_ur
 from protocols.steps import move
 from support.benches import NOISE_M
-from support.marks import heavy
+from support.marks import heavy, require_ur_rtde
 from support.slow_motion import CLOCK, SLOWNESS, pause
 from support.ur5e import agree, make_arm, refuse, stands
 from support.waiting import until
@@ -27,7 +27,7 @@ from support.worlds import HOME
 
 pytestmark = pytest.mark.heavy
 
-pytest.importorskip("rtde_control", reason="ur-rtde is not installed here")
+require_ur_rtde()
 Start = Callable[..., URController]
 
 

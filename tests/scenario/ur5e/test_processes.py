@@ -13,13 +13,13 @@ from drivers.errors import DeviceError
 from drivers.types import ArmMode
 from drivers.ur5e.arm import UR5e
 from fakes.wire.ur.controller import URController
-from support.marks import heavy
+from support.marks import heavy, require_ur_rtde
 from support.slow_motion import SLOWNESS, pause
 from support.ur5e import agree, first_error, make_arm, running, stands
 from support.waiting import until
 from support.worlds import HOME
 
-pytest.importorskip("rtde_control", reason="ur-rtde is not installed here")
+require_ur_rtde()
 
 
 MOVING = """

@@ -12,11 +12,11 @@ from typing import Any
 import pytest
 
 from fakes.wire.ur.controller import URController
-from support.marks import heavy
+from support.marks import heavy, require_ur_rtde
 from support.ur5e import running
 from support.waiting import until
 
-pytest.importorskip("rtde_control", reason="ur-rtde is not installed here")
+require_ur_rtde()
 HEAD = """
 import json, sys, time
 from dashboard_client import DashboardClient

@@ -8,23 +8,26 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from drivers.clock import NS_PER_S
 from drivers.errors import InputError
 from drivers.images import read_image
 from fakes.gel.sensor import GelSensor
+from rig.frames.estimates import CHECKED_FRAMES
 from rig.frames.series import evenly_spread, find_background
 from rig.tactile.contact.background import auto_background, mean_background
 from rig.tactile.contact.background_check import BackgroundCheck, gel_change
 from rig.tactile.contact.untouched import LEAST_FRAMES, OPENING_FRAMES, still_opening
 from support.desk_frames import desk_frames
 
+STEP_NS = NS_PER_S // 25
 Image = NDArray[np.uint8]
 Draw = Callable[..., Image]
 
 
 def doubted(background: Image, frames: Iterable[Image]) -> bool:
     check = BackgroundCheck(background)
-    for place, image in enumerate(frames):
-        check.add(image, place)
+    for place, image in evenly_spread(enumerate(frames), CHECKED_FRAMES):
+        check.check(image, place * STEP_NS)
     return bool(check.doubt)
 
 

@@ -1,8 +1,10 @@
 """Backgrounds that do not belong to the frames are named and give no angle; right ones are not named."""
 
 import os
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -12,9 +14,13 @@ import rig
 from drivers.clock import NS_PER_S, SystemClock
 from drivers.images import read_image
 from drivers.types import Frame, Image
+from rig.frames.estimates import CHECKED_FRAMES
+from rig.frames.series import evenly_spread
 from rig.live.desk import DeskSensor
+from rig.tactile.contact import misfit as misfits
 from rig.tactile.contact.background import mean_background
 from rig.tactile.contact.background_check import BackgroundCheck
+from rig.tactile.contact.untouched import Comparison
 from rig.tactile.estimators import choose_estimator
 from support.desk_frames import desk_frames
 
@@ -42,8 +48,8 @@ def compressed(image: Image, quality: int) -> Image:
 
 def misfit(background: Image, frames: Iterable[Image]) -> str:
     check = BackgroundCheck(background)
-    for place, image in enumerate(frames):
-        check.add(image, place * STEP_NS)
+    for place, image in evenly_spread(enumerate(frames), CHECKED_FRAMES):
+        check.check(image, place * STEP_NS)
     return check.misfit
 
 
@@ -112,7 +118,7 @@ def test_strong_compression_is_named_with_its_own_remedy(
     for frame in desk[::3]:
         grain = cv2.GaussianBlur(noise.normal(0.0, 12.0, frame.image.shape), (0, 0), 1.0)
         image = np.clip(np.rint(frame.image + grain), 0, 255).astype(np.uint8)
-        check.add(compressed(image, quality), frame.time_ns)
+        check.check(compressed(image, quality), frame.time_ns)
     doubt = check.doubt_with("take another background")
     expected = "blocks of 8 pixels hide the contact: store or send them with JPEG quality 80 or more"
     assert doubt.endswith(expected) if named else doubt == ""
@@ -134,6 +140,35 @@ def test_streamed_frames_with_dead_rows_have_no_angle(desk: list[Frame]) -> None
         found = [stream.update(dead(f.image, slice(304, 320)), f.time_ns / NS_PER_S) for f in desk]
     assert len(warned) == 1
     assert all(sample.angle_deg is None and sample.state != "tracking" for sample in found[30:])
+
+
+@pytest.mark.parametrize(("rate_hz", "frames"), [(60.0, 30), (30.0, 20), (10.0, 10), (1.0, 10)])
+def test_shift_is_found_within_half_a_second_or_a_few_frames(
+    desk: list[Frame], rate_hz: float, frames: int
+) -> None:
+    check = BackgroundCheck(shifted(background_of(desk), 0, -10))
+    for place in range(frames):
+        check.add(desk[-1 - place % 30].image, round(place * NS_PER_S / rate_hz))
+    assert "shifted by about" in check.misfit
+
+
+def test_frames_that_fit_are_compared_about_once_a_second(
+    desk: list[Frame], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    check, steps = BackgroundCheck(background_of(desk)), Counter[str]()
+    for owner, name in ((misfits, "_blocks"), (Comparison, "edge_ratio"), (misfits, "_differences")):
+        inner = getattr(owner, name)
+
+        def counted(*of: Any, name: str = name, inner: Any = inner) -> Any:
+            steps[name] += 1
+            return inner(*of)
+
+        monkeypatch.setattr(owner, name, counted)
+    for place in range(600):
+        before = steps.total()
+        check.add(desk[-1 - place % 30].image, round(place * NS_PER_S / 60.0))
+        assert steps.total() - before <= 1, "each frame waits for one step only"
+    assert 10 <= steps["_blocks"] <= 14, "10 s"
 
 
 @pytest.mark.heavy

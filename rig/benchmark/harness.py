@@ -267,13 +267,26 @@ def as_json(study: Study[Any], options: Any, run: Run, report: Report, wall_s: f
 
 def machine() -> dict[str, object]:
     info = Path("/proc/cpuinfo")
-    names = [line for line in info.read_text().splitlines() if "model name" in line] if info.exists() else []
+    lines = [line.partition(":") for line in info.read_text().splitlines()] if info.exists() else []
+    of = {name.strip(): value.strip() for name, _, value in lines}
+    # virtual machines often hide the name, but not family and model
+    name = (
+        f"{of['model name']}, family {of.get('cpu family')} model {of.get('model')}"
+        if "model name" in of
+        else ""
+    )
     return {
-        "processor": names[0].partition(":")[2].strip() if names else platform.processor(),
+        "processor": name or platform.processor(),
         "cores": os.cpu_count(),
         "python": platform.python_version(),
         "opencv": cv2.__version__,
     }
+
+
+def processor() -> str:
+    """Return the processor and its number of cores, for published times."""
+    of = machine()
+    return f"{of['processor']}, {of['cores']} cores"
 
 
 def markers(name: str) -> tuple[str, str]:

@@ -22,8 +22,13 @@ def version_text() -> str:
 
 
 def processor() -> str:
-    """Return the name of this computer's processor, such as "AMD EPYC 7763 64-Core Processor"."""
+    """Return the name of this computer's processor, such as "AMD EPYC 7763 64-Core Processor, family 25 model 1".
+
+    Virtual machines often hide the name, but not the numbers of family and model.
+    """
     info = Path("/proc/cpuinfo")
     lines = info.read_text(encoding="utf-8").splitlines() if info.exists() else []
-    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
-    return names[0] if names else platform.processor() or platform.machine()
+    of = {name.strip(): value.strip() for name, _, value in (line.partition(":") for line in lines)}
+    if "model name" not in of:
+        return platform.processor() or platform.machine()
+    return f"{of['model name']}, family {of.get('cpu family')} model {of.get('model')}"

@@ -274,6 +274,12 @@ def machine() -> dict[str, object]:
     }
 
 
+def processor() -> str:
+    """Return the processor and its number of cores, for published times."""
+    of = machine()
+    return f"{of['processor']}, {of['cores']} cores"
+
+
 def markers(name: str) -> tuple[str, str]:
     """Return the two lines that enclose the table of `rig benchmark NAME` in a document."""
     return f"<!-- rig benchmark {name}: begin -->", f"<!-- rig benchmark {name}: end -->"

@@ -27,7 +27,7 @@ import time
 from types import SimpleNamespace
 
 class Estimator:
-    def update(self, image, time_ns):
+    def update(self, image, time_s):
         if image.min() == 255:
             raise ValueError("a frame on which this version fails")
         since = time.process_time()
@@ -35,10 +35,7 @@ class Estimator:
             pass
         return SimpleNamespace(state=SimpleNamespace(value="tracking" if image.max() else "no_contact"))
 
-def choose_estimator(name):
-    return SimpleNamespace(make=lambda background, aspect, sign: Estimator())
-
-def estimator(name, background):
+def estimator(name, background, pixel_aspect=None, sign=1):
     return Estimator()
 """
 """Module `rig.tactile.estimators` of another version, whose estimator takes a known time."""

@@ -22,7 +22,7 @@ def version_text() -> str:
 
 
 def processor() -> str:
-    """Return the name of this computer's processor, such as "AMD EPYC 7763 64-Core Processor, family 25 model 1".
+    """Return the name of this computer's processor, such as "AMD EPYC 7763, family 25 model 1".
 
     Virtual machines often hide the name, but not the numbers of family and model.
     """

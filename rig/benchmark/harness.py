@@ -274,7 +274,7 @@ def machine() -> dict[str, object]:
     }
 
 
-def processor() -> str:
+def processor_and_cores() -> str:
     """Return the processor and its number of cores, for published times."""
     of = machine()
     return f"{of['processor']}, {of['cores']} cores"

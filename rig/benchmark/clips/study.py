@@ -37,7 +37,7 @@ from rig.benchmark.harness import (
     column,
     limit_table,
     machine,
-    processor,
+    processor_and_cores,
     table_of,
 )
 from rig.benchmark.measured import Measured, at_least, at_most
@@ -413,7 +413,8 @@ def measure(options: ClipsOptions, run: Run) -> Report:
     by_interface = interface_table(first, interfaces)
     shown = [*([limit_table(limits, limits_of)] if limits else []), *by_version, overall, *by_interface]
     labels = counted(first.groups[ALL].labels, "label")
-    head = f"{counted(len(first.runs), 'clip')}, {labels}, {processor()}, one thread. Errors in degrees."
+    clips = counted(len(first.runs), "clip")
+    head = f"{clips}, {labels}, {processor_and_cores()}, one thread. Errors in degrees."
     tables = [by_version[0] if by_version else overall, *by_interface]
     figure, file = time_and_error(estimators)
     name = options.public_set or options.folder.name
@@ -475,7 +476,7 @@ def overall_table(estimators: Sequence[EstimatorRuns], versions: Sequence[ClipVe
                 rows.append(row if versions else [*row[:2], row[3]])
     by = " by version of the clips" if versions else ""
     return table_of(
-        f"Hand-measured angles{by}, errors in degrees; {processor()}, one thread",
+        f"Hand-measured angles{by}, errors in degrees; {processor_and_cores()}, one thread",
         rows,
         left=3 if versions else 2,
     )
@@ -499,7 +500,9 @@ def interface_table(first: EstimatorRuns, of_clips: Sequence[Mapping[str, Sequen
         for name, ms in times.items()
         if ALONE in times
     ]
-    return [table_of(f"Time per frame with contact; {processor()}, one thread", rows)] if rows else []
+    return (
+        [table_of(f"Time per frame with contact; {processor_and_cores()}, one thread", rows)] if rows else []
+    )
 
 
 def readme_row(of: PublicSet, runs: EstimatorRuns) -> str:

@@ -10,7 +10,7 @@ from protocols.grasps import TRIAL_OBJECTS
 from rig.benchmark.estimators import contenders
 from rig.benchmark.estimators.contenders import CONTENDERS, PAPER, ContenderScore, score_all
 from rig.benchmark.estimators.stress import NAMES, StressRow, run_stress, stress_rows, stress_tasks
-from rig.benchmark.harness import Cell, Report, Run, Study, Table, processor, table_of
+from rig.benchmark.harness import Cell, Report, Run, Study, Table, processor_and_cores, table_of
 from rig.benchmark.measured import NONE, Measured, at_least, at_most, between, informative
 from rig.benchmark.timing import AS_MULTIPLE, REFERENCE, TIMES_REFERENCE
 from rig.config import BenchConfig, load_bench
@@ -248,7 +248,7 @@ def time_table(result: EstimatorsResult) -> Table:
         [Cell("estimator", name, "estimator"), Cell("stage", stage, "stage"), Cell("spread", spread)]
         for name, stage, spread in rows
     ]
-    title = f"Run time, {processor()}, one thread, {width} x {height} px, frames with contact"
+    title = f"Run time, {processor_and_cores()}, one thread, {width} x {height} px, frames with contact"
     return table_of(title, cells, left=2)
 
 
@@ -311,7 +311,7 @@ def readme_section(result: EstimatorsResult, limits: Sequence[Measured]) -> str:
     rows = [row[:README_COLUMNS] for row in table.rows]
     head = (
         f"{'SIMULATED ' * result.simulated}{counted(len(result.lifts), 'lift')}, seed {result.seed}, "
-        f"{processor()}, one thread. Errors in degrees, {HEADING}."
+        f"{processor_and_cores()}, one thread. Errors in degrees, {HEADING}."
     )
     verdict = f"Limits missed: {'; '.join(missed)}." if missed else "All limits were kept."
     return "\n".join([head, "", Table("", table.columns[:README_COLUMNS], rows).markdown(), "", verdict])

@@ -24,7 +24,7 @@ from rig.benchmark.clips.labelled import ClipVersion, clip_version, read_clips
 from rig.benchmark.clips.public import PACKAGED
 from rig.benchmark.clips.study import JudgedLabel, run_clip, score
 from rig.benchmark.estimators.contenders import score_all
-from rig.benchmark.harness import Report, Run, Study, limit_table, processor
+from rig.benchmark.harness import Report, Run, Study, limit_table, processor_and_cores
 from rig.benchmark.measured import Measured, at_least, at_most, between, informative
 from rig.benchmark.renderer import LIFTS_PER_SEED, answer_lift
 from rig.benchmark.seeds import LiftCase, SeedLift, lift_cases, recorded_lift, scored_lift
@@ -187,7 +187,7 @@ def measure(options: SlipOptions, run: Run) -> Report:
     rows += [*_drawn(options.drawn, choice, run), *_sample("fake", easy), *_sample("hard", hard)]
     rows += size_rows(OWN / "rig" / "tactile" / "slip", OWN / "rig" / "models" / "slip.json")
     table = limit_table(rows, f"'{names[0]}'").markdown()
-    section = f"{processor()}.\n\n{table}"
+    section = f"{processor_and_cores()}.\n\n{table}"
     return Report((), rows, f"'{names[0]}'", section=section, binding=options.limits)
 
 

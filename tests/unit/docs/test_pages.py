@@ -1,10 +1,12 @@
 """Links, places and facts in README and docs, and the workflows for code hosts."""
 
 import re
+import subprocess
 from dataclasses import fields
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any
 
+import pytest
 import yaml
 
 import rig.sessions.about
@@ -19,7 +21,7 @@ from rig.tactile.slip.compiling import COMPILING_S
 from support.documentation import PAGES, ROOT, parse, without_code
 
 LINK = re.compile(r"!?\[[^\]]*\]\(([^)\s]+)\)")
-DOCS = ROOT / "docs"
+DOCS, CONTRIBUTING = ROOT / "docs", ROOT / "CONTRIBUTING.md"
 
 
 def anchors(page: Path) -> set[str]:
@@ -42,6 +44,44 @@ def test_links_anchors_and_pictures_exist() -> None:
             assert file.is_file(), f"{page.name}: {target}: no such file"
             assert file.is_relative_to(ROOT), f"{page.name}: {target} lies outside"
             assert not anchor or anchor in anchors(file), f"{page.name}: {target}: no such heading"
+
+
+def tracked() -> list[str]:
+    """Paths of the files of the repository; skips the test without git."""
+    found = subprocess.run(["git", "ls-files"], cwd=ROOT, capture_output=True, text=True, check=False)
+    if found.returncode:
+        pytest.skip("no git, or not a clone")
+    return found.stdout.splitlines()
+
+
+def test_top_level_has_only_what_contributing_lists() -> None:
+    text = CONTRIBUTING.read_text(encoding="utf-8")
+    listed = text[text.index("The top level holds") : text.index("nothing else.")]
+    assert {path.partition("/")[0] for path in tracked()} == set(re.findall("`([^`]+)`", listed))
+
+
+def test_files_named_in_pages_exist_and_contain_the_names_given_with_them() -> None:
+    """As `rig/lift/result.py`, and `NAME` in `FILE` or `NAME` (`FILE`)."""
+    files = tracked()
+    folders = {str(folder) for file in files for folder in PurePosixPath(file).parents}
+    packages = {file.partition("/")[0] for file in files if file.endswith(".py")}
+
+    def matching(name: str) -> list[str]:
+        return [file for file in files if file == name or file.endswith(f"/{name}")]
+
+    for page in (*PAGES, CONTRIBUTING):
+        text = without_code(page)
+        for name in re.findall(r"`([\w./-]+)`", text):
+            path = name.rstrip("/")
+            is_path = "/" in path and path.partition("/")[0] in packages
+            if is_path or path.endswith(".py"):
+                assert path in folders or matching(path), f"{page.name}: there is no {name}"
+        for name, file in re.findall(r"`([A-Za-z_][\w.]*)`\s(?:in\s|\()`([\w/.-]+\.py)`", text):
+            last = name.rpartition(".")[2]
+            sources = [(ROOT / path).read_text(encoding="utf-8") for path in matching(file)]
+            assert any(re.search(rf"\b{last}\b", source) for source in sources), (
+                f"{page.name}: {name} in {file}"
+            )
 
 
 def test_index_links_every_page() -> None:

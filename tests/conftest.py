@@ -23,7 +23,7 @@ from rig.config.write import write_bench
 from rig.experiments.lift_plan import TrialSettings
 from rig.experiments.trial import run_trial
 from rig.tactile.estimators import choose_estimator
-from rig.tactile.slip.compiling import compile_all
+from rig.tactile.slip.all_loops import compile_all
 from rig.terminal import screen
 from support.benches import lighter, short_phases
 from support.fuzz import PROFILE

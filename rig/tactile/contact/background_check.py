@@ -25,9 +25,9 @@ LESS_COMPRESSION = "store or send them with JPEG quality 80 or more"
 LOOKS_LIKE_CONTACT = "this background looks like a contact"
 """Text of the doubt; the caller adds the remedy."""
 FIRST_NS, SOON_NS, IDLE_NS, LATER_NS = NS_PER_S // 4, NS_PER_S // 10, NS_PER_S // 2, 4 * NS_PER_S
-"""Intervals of the checked frames of a live sensor. Each frame doubles the interval, beginning with the first:
-up to `IDLE_NS` if the frame does not differ from the background and so proves nothing, else up to `LATER_NS`.
-After a suspicious frame it is `SOON_NS`."""
+"""Intervals of the checked frames of a live sensor. Each frame doubles the interval, beginning with the
+first: up to `IDLE_NS` if the frame does not differ from the background and so proves nothing, else up to
+`LATER_NS`. After a suspicious frame it is `SOON_NS`."""
 BORDER_PX = 5
 """Border of the reduced copy that is not checked for clear edges: the rim of the gel is dark."""
 CLEAR_EDGES = 0.09
@@ -83,8 +83,8 @@ class BackgroundCheck:
     def add(self, image: Image, time_ns: int) -> None:
         """Process the next frame of a live sensor: check it if a check is due.
 
-        The check is divided into five steps of at most 0.5 ms, one in each call, or two if the frames are
-        far apart. image: (H, W, 3) uint8 RGB; do not modify it later. Raises `InputError` for a frame of another
+        The check is divided into five steps of less than 1 ms, one in each call, or two if the frames are far
+        apart. image: (H, W, 3) uint8 RGB; do not modify it later. Raises `InputError` for a frame of another
         shape or type.
         """
         check_frame(image, self._shape)

@@ -24,10 +24,10 @@ LESS_COMPRESSION = "store or send them with JPEG quality 80 or more"
 """Remedy for strong compression."""
 LOOKS_LIKE_CONTACT = "this background looks like a contact"
 """Text of the doubt; the caller adds the remedy."""
-SOON_NS, IDLE_NS, LATER_NS = NS_PER_S // 10, NS_PER_S // 4, NS_PER_S
-"""Intervals of the checked frames of a live sensor. A suspicious frame is followed by the shortest one. Each
-other frame doubles the interval: up to the second one if it does not differ from the background, so that it
-proves nothing, else up to the longest."""
+FIRST_NS, SOON_NS, IDLE_NS, LATER_NS = NS_PER_S // 4, NS_PER_S // 10, NS_PER_S // 2, 4 * NS_PER_S
+"""Intervals of the checked frames of a live sensor. Each frame doubles the interval, beginning with the
+first: up to `IDLE_NS` if the frame does not differ from the background and so proves nothing, else up to
+`LATER_NS`. After a suspicious frame it is `SOON_NS`."""
 BORDER_PX = 5
 """Border of the reduced copy that is not checked for clear edges: the rim of the gel is dark."""
 CLEAR_EDGES = 0.09
@@ -64,7 +64,7 @@ class BackgroundCheck:
         self._compared_ns: int | None = None
         self._steps: Iterator[None] | None = None
         self._newest_ns: int | None = None
-        self._begun_ns, self._interval_ns = 0, SOON_NS
+        self._begun_ns, self._interval_ns = 0, FIRST_NS
 
     @property
     def doubt(self) -> str:
@@ -83,7 +83,7 @@ class BackgroundCheck:
     def add(self, image: Image, time_ns: int) -> None:
         """Process the next frame of a live sensor: check it if a check is due.
 
-        The check is divided into steps of less than 1 ms, one in each call, or two if the frames are far
+        The check is divided into five steps of less than 1 ms, one in each call, or two if the frames are far
         apart. image: (H, W, 3) uint8 RGB; do not modify it later. Raises `InputError` for a frame of another
         shape or type.
         """
@@ -104,18 +104,19 @@ class BackgroundCheck:
 
     def _check(self, image: Image, time_ns: int) -> Iterator[None]:
         """Check a frame, step by step, and set the time to the next one."""
-        lines = lines_of(image)
-        unfit, edged = self._fit.add_blocks(lines), False
-        yield
         work = self._comparison.reduced(image)
         yield
-        ratio = self._comparison.edge_ratio(work, self._slopes)
-        if ratio is not None:
-            edged = self._weigh(ratio, time_ns)
+        light = self._comparison.light(work)
+        region = self._comparison.region(work, light)
+        yield
+        lines = lines_of(image)
+        unfit, edged = self._fit.add_blocks(lines), False
+        if region is not None:
+            edged = self._weigh(self._comparison.edge_ratio_in(region, work, self._slopes), time_ns)
             yield
-            unfit |= yield from self._fit.add(lines, work)
-        longest_ns = IDLE_NS if ratio is None else LATER_NS
+            unfit |= yield from self._fit.add(lines, work, light)
         suspicious = edged or (unfit and not self.misfit)
+        longest_ns = IDLE_NS if region is None else LATER_NS
         self._interval_ns = SOON_NS if suspicious else min(2 * self._interval_ns, longest_ns)
 
     def _weigh(self, ratio: float, time_ns: int) -> bool:

@@ -16,12 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.types import Image
+from rig.tactile.contact.relative import Light
 from rig.tactile.contact.untouched import Comparison
 
 REACH = 6
 """Largest shift that is searched, in pixels of the reduced copy: 24 px of a DIGIT's frame."""
-COARSE = list(product(range(2 * (REACH // 2) + 1), repeat=2))
-"""All shifts in copies of half the size, down and right, from the largest one up and left on."""
+NEAR = tuple(product((-1, 0, 1), repeat=2))
+"""Shifts to a place and its neighbours, down and right, px."""
 PER_LOG, DARK = 2000.0, 15.0
 """Scale of the logarithms, which are compared as integers; grey levels added before, against dark noise."""
 MOST_OFF = 0.06
@@ -65,14 +66,14 @@ def lines_of(image: Image) -> Lines:
 class Misfit:
     """Collects evidence from frames with a contact that more than the contact differs from the background.
 
-    background: (H, W, 3) uint8 RGB.
+    background: (H, W, 3) uint8 RGB. comparison: of this background.
     """
 
     def __init__(self, background: Image, comparison: Comparison) -> None:
-        self._comparison = comparison
         self._lively = [_span(lines) >= LIVELY for lines in lines_of(background)]
-        self._reduced = self._logarithm(background)
-        self._half = _half(self._reduced)
+        work = comparison.reduced(background)
+        self._reduced = _logarithm(work, comparison.light(work))
+        self._smaller = _smaller(self._reduced)
         self._px = background.shape[1] / self._reduced.shape[1], background.shape[0] / self._reduced.shape[0]
         self._shifts = deque[tuple[float, float, float]](maxlen=CHECKED)
         self._shifted_px: float | None = None
@@ -92,17 +93,17 @@ class Misfit:
             what.append(f"shifted by about {self._shifted_px:.0f} px")
         return f"the frames do not fit the background: {', '.join(what)}" if what else ""
 
-    def add(self, lines: Lines, work: Image) -> Generator[None, None, bool]:
+    def add(self, lines: Lines, work: Image, light: Light) -> Generator[None, None, bool]:
         """Compare a frame with the background in two steps; return whether this frame does not fit.
 
-        lines: from `lines_of`. work: the frame's reduced copy, see `Comparison.reduced`.
+        lines: from `lines_of`. work, light: the frame's reduced copy and light, see `Comparison`.
         """
         rows, columns = (
             int(np.count_nonzero(lively & (_span(of) <= FLAT)))
             for of, lively in zip(lines, self._lively, strict=True)
         )
         self._dead.append((rows, columns))
-        self._shifts.append((yield from self._shift_of(work)))
+        self._shifts.append((yield from self._shift_of(_logarithm(work, light))))
         x, y, explained = np.array(self._shifts).T
         # Not taken back later, because a contact that covers the gel hides most of what a shift explains.
         if len(explained) >= FEWEST and explained.mean() >= EXPLAINED:
@@ -126,23 +127,32 @@ class Misfit:
             return 0, 0
         return min(rows for rows, _ in self._dead), min(columns for _, columns in self._dead)
 
-    def _shift_of(self, work: Image) -> Generator[None, None, tuple[float, float, float]]:
+    def _shift_of(self, frame: NDArray[np.uint16]) -> Generator[None, None, tuple[float, float, float]]:
         """Return the best shift, px, and the log ratio of the differences without and with it.
 
-        All shifts are searched at half the size, and in the second step only those at most 2 px from the
-        best one.
+        frame: logarithm of its reduced copy. The shift is searched at a quarter and half of the size, and in
+        the second step near the best place.
         """
-        frame = self._logarithm(work)
         height, width = (side - 2 * REACH for side in frame.shape[:2])
-        if min(height, width) < REACH:
+        if min(height, width) < 2 * REACH:
             return 0.0, 0.0, 0.0
-        y, x = COARSE[int(np.argmin(_differences(_half(frame), self._half, REACH // 2, COARSE)))]
+        down = right = 0
+        for reach, small, background in zip((2, 4), _smaller(frame), self._smaller, strict=True):
+            near = [(2 * down + y, 2 * right + x) for y, x in NEAR]
+            down, right = near[int(np.argmin(_differences(small, background, reach, near)))]
         yield
         costs = np.full((2 * REACH + 1, 2 * REACH + 1), np.inf)
-        down, right = (range(max(2 * at - 2, 0), min(2 * at + 3, len(costs))) for at in (y, x))
-        near = list(product(down, right))
-        costs[tuple(np.transpose(near))] = _differences(frame, self._reduced, REACH, near)
-        y, x = (int(place) for place in np.unravel_index(int(costs.argmin()), costs.shape))
+        y = x = 0
+        for far in (1, 2):  # the second only if the best place is at the edge of the first
+            rows, columns = (
+                range(max(2 * at - far, -REACH), min(2 * at + far, REACH) + 1) for at in (down, right)
+            )
+            near = list(product(rows, columns))
+            places = tuple(REACH + np.transpose(near))
+            costs[places] = _differences(frame, self._reduced, REACH, near)
+            y, x = (int(place) for place in np.unravel_index(int(costs.argmin()), costs.shape))
+            if max(abs(y - REACH - 2 * down), abs(x - REACH - 2 * right)) < far:
+                break
         to_right, to_bottom = _valley(costs[y], x), _valley(costs[:, x], y)
         way = np.array([[1.0, 0.0, REACH + to_right], [0.0, 1.0, REACH + to_bottom]])
         flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
@@ -155,15 +165,21 @@ class Misfit:
         before, after = (1.0 + cv2.norm(one, cv2.NORM_L1, seen) for one in (fixed, moved))
         return to_right * self._px[0], to_bottom * self._px[1], math.log(before / after)
 
-    def _logarithm(self, image: Image) -> NDArray[np.uint16]:
-        """Return the logarithm of a frame's reduced copy in the light of the background, (h, w, 3)."""
-        soft = cv2.GaussianBlur(self._comparison.lit(image), (0, 0), SOFT_PX)
-        return np.rint(PER_LOG * np.log(np.maximum(soft, 0.0) + DARK)).astype(np.uint16)
+
+def _logarithm(work: Image, light: Light) -> NDArray[np.uint16]:
+    """Return the logarithm of a frame's reduced copy in the light of the background, (h, w, 3)."""
+    gain, offset = light
+    lit = np.maximum((np.arange(256.0)[:, None] - offset) / gain, 0.0)
+    levels = np.rint(PER_LOG * np.log(lit + DARK)).astype(np.uint16)
+    return np.asarray(cv2.GaussianBlur(cv2.LUT(work, levels[None]), (0, 0), SOFT_PX), np.uint16)
 
 
-def _half(logarithm: NDArray[np.uint16]) -> NDArray[np.uint16]:
-    size = logarithm.shape[1] // 2, logarithm.shape[0] // 2
-    return np.asarray(cv2.resize(logarithm, size, interpolation=cv2.INTER_AREA), np.uint16)
+def _smaller(logarithm: NDArray[np.uint16]) -> tuple[NDArray[np.uint16], NDArray[np.uint16]]:
+    """Return copies of a quarter and of half the size."""
+    height, width = logarithm.shape[:2]
+    half = cv2.resize(logarithm, (width // 2, height // 2), interpolation=cv2.INTER_AREA)
+    quarter = cv2.resize(half, (width // 4, height // 4), interpolation=cv2.INTER_AREA)
+    return np.asarray(quarter, np.uint16), np.asarray(half, np.uint16)
 
 
 def _core(frame: NDArray[np.uint16], reach: int) -> tuple[NDArray[np.uint16], NDArray[np.uint16]]:
@@ -178,12 +194,13 @@ def _differences(
     reach: int,
     shifts: Sequence[tuple[int, ...]],
 ) -> list[float]:
-    """Return the sum of the differences at each shift of the background, down and right from -reach px."""
+    """Return the sum of the differences at each shift of the background, down and right, up to `reach` px."""
     core, most = _core(frame, reach)
     (height, width), off = core.shape[:2], np.empty_like(core)
     found = []
     for y, x in shifts:
-        cv2.absdiff(core, background[y : y + height, x : x + width], dst=off)
+        top, left = reach + y, reach + x
+        cv2.absdiff(core, background[top : top + height, left : left + width], dst=off)
         found.append(cv2.norm(cv2.min(off, most, dst=off), cv2.NORM_L1))
     return found
 
@@ -208,9 +225,9 @@ def _blocks(lines: Lines) -> tuple[float, float]:
     for of in lines:
         green = cv2.extractChannel(of, 1)
         steps = cv2.reduce(cv2.absdiff(green[1:], green[:-1]), 1, cv2.REDUCE_AVG, dtype=cv2.CV_32F).ravel()
-        border = np.arange(1, len(steps) + 1) % BLOCK_PX == 0
-        at_borders.append(steps[border].mean())
-        inside.append(steps[~border].mean())
+        at_border = steps[BLOCK_PX - 1 :: BLOCK_PX]
+        at_borders.append(at_border.mean())
+        inside.append((steps.sum() - at_border.sum()) / (len(steps) - len(at_border)))
     border, within = float(np.mean(at_borders)), float(np.mean(inside))
     return border / max(within, 0.1), border - within
 

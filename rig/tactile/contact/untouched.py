@@ -16,7 +16,7 @@ from drivers.types import Image
 from rig.tactile.contact.background import mean_background
 from rig.tactile.contact.dots import is_dotted, without_dots
 from rig.tactile.contact.gate import ContactGate, Region
-from rig.tactile.contact.relative import RelativeDifference, work_size
+from rig.tactile.contact.relative import Light, RelativeDifference, work_size
 
 LEAST_FRAMES = 3
 """Smallest number of alike frames: a moving contact can have two."""
@@ -66,19 +66,20 @@ class Comparison:
         """
         return image if image.shape[1::-1] == self._size else self._light.reduced(self._plain(image))
 
-    def region(self, image: Image) -> Region | None:
-        """Return the region where a frame differs from the background like a contact; None without any."""
-        return ContactGate().find(self.difference(image))
+    def light(self, image: Image) -> Light:
+        """Return the light of a frame against that of the background."""
+        return self._light.light_of(self.reduced(image))
 
-    def difference(self, image: Image) -> NDArray[np.float32]:
+    def region(self, image: Image, light: Light | None = None) -> Region | None:
+        """Return the region where a frame differs from the background like a contact; None without any.
+
+        light: of the frame, None to compute it.
+        """
+        return ContactGate().find(self.difference(image, light))
+
+    def difference(self, image: Image, light: Light | None = None) -> NDArray[np.float32]:
         """Return the relative difference of a frame's reduced copy from the background, (h, w, 3)."""
-        return self._light.of(self.reduced(image))
-
-    def lit(self, image: Image) -> NDArray[np.float32]:
-        """Return a frame's reduced copy in the light of the background, (h, w, 3) grey levels."""
-        work = self.reduced(image)
-        gain, offset = self._light.light_of(work)
-        return np.asarray((work - offset.astype(np.float32)) / gain.astype(np.float32), np.float32)
+        return self._light.of(self.reduced(image), light)
 
     def edge_ratio(self, image: Image, slopes: NDArray[np.float32]) -> float | None:
         """Return the log ratio of the background's edges to those of a frame, where they differ.
@@ -88,10 +89,12 @@ class Comparison:
         """
         work = self.reduced(image)
         region = self.region(work)
-        if region is None:
-            return None
+        return None if region is None else self.edge_ratio_in(region, work, slopes)
+
+    def edge_ratio_in(self, region: Region, image: Image, slopes: NDArray[np.float32]) -> float:
+        """Return the same for a region where they differ."""
         inside = region.mask > 0
-        return float(np.log(slopes[inside].mean() / self.slopes(work)[inside].mean()))
+        return float(np.log(slopes[inside].mean() / self.slopes(image)[inside].mean()))
 
     def slopes(self, image: Image) -> NDArray[np.float32]:
         """Return the gradient magnitude (h, w) of the logarithm of a frame's reduced copy."""

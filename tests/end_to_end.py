@@ -50,8 +50,15 @@ END_TO_END = {
     ),
     "tests/scenario/test_wire.py": ("test_wire_lift_measures_the_slip_and_loses_no_frame",),
     "tests/scenario/ur5e/test_faults.py": ("test_protective_stop_is_released_on_request_only",),
-    "tests/scenario/ur5e/test_motions.py": ("test_stop_from_another_thread_ends_the_motion",),
-    "tests/scenario/ur5e/test_processes.py": ("test_killed_program_leaves_no_process_and_stops_the_arm",),
+    "tests/scenario/ur5e/test_motions.py": (
+        "test_stop_during_the_preparation_prevents_a_motion_and_disconnecting_stops_one",
+        "test_motion_out_of_reach_or_joint_limits_is_rejected_and_the_program_continues",
+        "test_stop_from_another_thread_ends_the_motion",
+    ),
+    "tests/scenario/ur5e/test_processes.py": (
+        "test_controller_stops_the_arm_if_it_gets_no_commands",
+        "test_killed_program_leaves_no_process_and_stops_the_arm",
+    ),
     "tests/unit/drivers/robotiq_3f/test_driver.py": (
         "test_gripper_activates_moves_and_stops_over_every_transport",
     ),

@@ -2,15 +2,19 @@
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from calibration.camera.intrinsics import (
+    LENS_MODELS,
     CameraFit,
     assess_camera,
     calibrate_camera,
     camera_difference_px,
+    held_out_error,
     predict,
     projection_sigma_px,
 )
@@ -135,6 +139,23 @@ def test_views_that_do_not_determine_a_camera_are_refused_or_rated_weak() -> Non
 @pytest.fixture(scope="module")
 def fitted() -> CameraFit:
     return calibrate_camera(views(20))
+
+
+def test_error_on_held_out_views_uses_cameras_fitted_without_them(monkeypatch: pytest.MonkeyPatch) -> None:
+    every, fitted = views(10), []
+
+    def fit(seen: list[View], lens: object) -> Any:
+        fitted.append(seen)
+        return SimpleNamespace(camera=seen)
+
+    def missed(camera: list[View], view: View) -> np.ndarray:
+        assert not any(one is view for one in camera)
+        return np.ones(4)
+
+    monkeypatch.setattr("calibration.camera.intrinsics.fit_camera", fit)
+    monkeypatch.setattr("calibration.camera.intrinsics._missed", missed)
+    assert held_out_error(every, LENS_MODELS[0]) == 1.0
+    assert [len(seen) for seen in fitted] == [8] * 5
 
 
 @pytest.mark.heavy

@@ -142,7 +142,6 @@ def pairs(seed: int, setup: Setup = Setup.EYE_TO_HAND) -> tuple[HandEyeResult, T
     return paired(samples, setup), truth
 
 
-@pytest.mark.heavy
 @pytest.mark.parametrize(
     ("kind", "seeds"),
     [(views, 3), (pairs, 2), (partial(pairs, setup=Setup.EYE_IN_HAND), 2),

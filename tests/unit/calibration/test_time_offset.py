@@ -2,6 +2,7 @@
 
 import warnings
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -28,6 +29,18 @@ def test_offset_from_a_wiggle_is_within_its_sigma() -> None:
     errors = [each.offset_s - OFFSET_S for each in found]  # type: ignore[operator]
     assert np.percentile(np.abs(errors), 95) < 1e-3
     assert 0.5 < np.std(errors) / np.mean([each.sigma_s for each in found]) < 2.0
+
+
+def test_correlated_noise_increases_sigma() -> None:
+    first, second = wiggle_scene(np.random.default_rng(0), offset_s=OFFSET_S)
+    white = np.random.default_rng(1).normal(0.0, 1.0, len(second.values))
+    smooth = np.convolve(white, np.ones(8) / np.sqrt(8.0), "same")
+    size = 0.05 * second.values.std()
+    sigmas = [
+        time_offset(first, replace(second, values=second.values + size * noise / noise.std())).sigma_s
+        for noise in (white, smooth)
+    ]
+    assert sigmas[1] > 1.5 * sigmas[0]
 
 
 def test_offset_of_two_pose_streams_follows_from_their_turning_rates() -> None:

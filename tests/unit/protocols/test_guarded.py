@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -16,7 +17,8 @@ from protocols.capture_pivot import FIRST_ABOVE_M, capture_pivot
 from protocols.observer import Phase
 from protocols.safe_end import safe_end
 from protocols.slip_trial import run_lift
-from protocols.steps import CLEARANCE_M, LOWER_SPEED_M_S, MOTION_TIMEOUT_S, move
+from protocols.steps import CLEARANCE_M, LOWER_SPEED_M_S, MOTION_TIMEOUT_S, guarded, move
+from support.worlds import HOME
 
 LiftOf = Callable[..., Any]
 
@@ -170,3 +172,23 @@ def test_step_of_a_tip_that_meets_the_table_is_stopped_and_asked_again(lift_of: 
     )
     assert "met an obstacle" in asked[1]
     assert seated == [pytest.approx(height_m - 0.022, abs=0.003)]
+
+
+@pytest.mark.parametrize(
+    "change_n", [(0.0, 0.0, -40.0), (0.0, 0.0, 40.0), (30.0, 0.0, 0.0), (0.0, -30.0, 0.0)]
+)
+def test_force_from_any_side_stops_a_guarded_motion(change_n: tuple[float, float, float]) -> None:
+    """A change of 40 N against the weight of 20 N leaves the magnitude of the force as it was."""
+    weight_n, stopped = (0.0, 0.0, 20.0), []
+    felt = tuple(a + b for a, b in zip(weight_n, change_n, strict=True))
+    arm = SimpleNamespace(
+        limits=SimpleNamespace(max_contact_force_n=25.0),
+        state=lambda: SimpleNamespace(force_n=felt, base_T_tcp=HOME),
+        stop=lambda: stopped.append(True),
+    )
+    bench: Any = SimpleNamespace(arm=arm, clock=None)
+    motion: Any = SimpleNamespace(done=lambda: False)
+    before: Any = SimpleNamespace(force_n=weight_n)
+    with pytest.raises(ContactForceError):
+        guarded(bench, motion, before).done()
+    assert stopped

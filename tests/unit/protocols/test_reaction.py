@@ -88,7 +88,6 @@ def test_tighten_stops_the_arm_while_closing_and_then_completes_the_lift(lift_of
     assert reached_all(script)
 
 
-@pytest.mark.heavy
 def test_each_closing_is_twice_the_previous_one_up_to_the_largest_grip(lift_of: LiftOf) -> None:
     lift = lift_of()
     script = reacted(lift, Script(lift, [0.005, 0.010], closings=2), largest=200)

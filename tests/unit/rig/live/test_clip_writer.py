@@ -1,5 +1,6 @@
 """A clip is usable at any moment of its recording, and an interrupted one is read with notes."""
 
+import json
 import resource
 import signal
 import subprocess
@@ -96,7 +97,6 @@ import sys
 from pathlib import Path
 sys.path.insert(0, {tests!r})
 from unit.rig.live.test_clip_writer import ClipWriter, GREY, frame
-from support.marks import heavy
 clip = ClipWriter(Path(sys.argv[1]), GREY, {{}})
 for number in range(1_000_000):
     clip.add(frame(number))
@@ -176,6 +176,18 @@ def test_invalid_table_of_a_clip_is_rejected(tmp_path: Path, text: str, said: st
     (clip / TIMES).write_text(text)
     with pytest.raises(InputError, match=said):
         read_frames(clip)
+
+
+@pytest.mark.parametrize("simulated", [True, False])
+def test_clip_says_whether_its_sensor_is_simulated(tmp_path: Path, simulated: bool) -> None:
+    settings = DeskSettings(choose_estimator("ellipse"), clips=tmp_path, simulated=simulated)
+    with Desk([GivenFrames(list(desk_frames(3.5)))], settings, Sender()) as desk:
+        while not desk.recording:
+            desk.step()
+            desk.act("record")
+        desk.step()
+    (clip,) = tmp_path.iterdir()
+    assert json.loads((clip / ABOUT).read_text())["simulated"] is simulated
 
 
 @pytest.mark.heavy

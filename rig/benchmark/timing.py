@@ -89,6 +89,7 @@ def interface_ms(
     includes its outline of the contact, but not the picture that it sends to the page.
     """
     desk, clock, numbers = DeskSensor("", choice, 1, background, None), SystemClock(), count()
+    desk.choose(choice, desk.made(choice))  # before the first frame
 
     def live(image: Image, time_ns: int) -> SlipSample | None:
         return desk.take(Frame(image, time_ns, next(numbers), ""), clock).sample

@@ -98,7 +98,7 @@ def test_figures_in_readme_match_the_tables() -> None:
     page = (ROOT / "docs" / "measurements.md").read_text(encoding="utf-8")
     rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in page.splitlines()]
     lifts = next(row for row in rows if row[0] == "slip" and row[1] == "-")
-    assert f"MARE {lifts[3].split()[0]} degrees" in readme
+    assert f"MARE {lifts[4].split()[0]} degrees" in readme
     for of in SETS.values():
         begin, end = markers(f"clips {of.name}")
         section = page.partition(begin)[2].partition(end)[0]
@@ -108,6 +108,20 @@ def test_figures_in_readme_match_the_tables() -> None:
         shares = [f"within 3 degrees: {whole[3]} of {whole[2]} labels on {clips}"]
         shares += [f"{row[1]} clips ({row[2]} labels): {row[3]}" for row in groups if row[0] == ""]
         assert f"| {of.data} | {'; '.join(shares)} |" in readme
+
+
+def test_times_of_a_frame_match_the_table_of_real_clips() -> None:
+    begin, end = markers("clips octopi")
+    section = (DOCS / "measurements.md").read_text(encoding="utf-8").partition(begin)[2].partition(end)[0]
+    processor = re.search(r"family \d+ model \d+", section)
+    row = next(line.split("|") for line in section.splitlines() if line.startswith("| slip | all |"))
+    (median, _, p99), multiple = row[-3].strip().split(", "), row[-2].strip()
+    assert processor is not None
+    for page in (ROOT / "README.md", DOCS / "estimators.md", DOCS / "slip.md"):
+        text = " ".join(page.read_text(encoding="utf-8").split())
+        assert f"took {median} ms (median) and {p99} ms (99 %) through `rig.estimator`" in text
+        assert processor[0] in text
+        assert f"{multiple} times as long as OpenCV's `findTransformECC`" in text
 
 
 def test_container_files_exist_and_services_match_the_page() -> None:

@@ -67,7 +67,7 @@ def test_trial_prints_its_extent_before_it_prepares_the_estimator(
         raise EstimatorError("not prepared")
 
     monkeypatch.setattr(EstimatorChoice, "try_making", fail)
-    done = rig("trial", "--lifts", "5", "--jobs", "2", "--out", tmp_path / "trial")
+    done = rig("trial", "--lifts", "5", "--jobs", "2", "--estimator", "pca", "--out", tmp_path / "trial")
     said = [line for line in done.stderr.splitlines() if not line.startswith(("loading", "SIMULATED"))]
     assert said[0].startswith("45 lifts of 9 objects, 2 at a time; the remaining time is shown from")
     assert said[-1] == "rig: not prepared"

@@ -265,6 +265,17 @@ def test_gel_named_in_the_bench_file_is_stored_for_a_replay(tmp_path: Path) -> N
     assert not load_bench("fake").gel_looks()
 
 
+@pytest.mark.parametrize(("kind", "device"), [("gripper", "gripper"), ("tcp", "tool"), ("camera", "camera")])
+def test_calibration_of_simulated_devices_is_refused_for_real_ones(
+    tmp_path: Path, kind: str, device: str
+) -> None:
+    real = BenchConfig.model_validate({**load_bench("wire").model_dump(), "fakes": None})
+    name = real.camera.serial if kind == "camera" else real.name
+    keep(tmp_path, kind, {device: name}, {})
+    with pytest.raises(CalibrationError, match="made on simulated devices"):
+        find_calibrations(real, tmp_path)
+
+
 def test_calibration_of_a_simulated_or_another_sensor_is_refused_for_a_real_one(tmp_path: Path) -> None:
     keep(tmp_path, "tactile", {"tactile": "SIM-D0001"}, {"pixel_aspect": 1.0})
     real = BenchConfig.model_validate({**load_bench("wire").model_dump(), "fakes": None})

@@ -124,9 +124,9 @@ class PictureNews:
         self.frozen = self._repeats >= FROZEN_REPEATS and time_ns - self._new_ns > FROZEN_NS
 
     def _compare(self, seen: Image, time_ns: int, between: Sequence[Image] = ()) -> bool:
-        """Note whether a picture is new, and return it.
+        """Record whether a picture is new; return whether it is.
 
-        between: pictures since the last compared one; if there are any, a copy is not noted.
+        between: pictures since the last compared one; if there are any, a copy is not recorded.
         """
         recent = [*self._earlier, *between][-COMPARED_PICTURES:]
         earlier = [old for old in recent if old.shape == seen.shape]

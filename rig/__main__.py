@@ -19,7 +19,7 @@ NO_ESTIMATE = {"-h", "--help", "--dry-run"}
 
 
 def will_estimate(arguments: Sequence[str]) -> bool:
-    """Whether a command line needs the loops of `slip`. Exact only for valid ones."""
+    """Whether a command line probably needs the loops of `slip`. A wrong answer costs time only."""
     other = any(word.startswith("--estimator") for word in arguments) and "slip" not in arguments
     known = bool(arguments) and arguments[0] in ESTIMATING
     return known and not other and NO_ESTIMATE.isdisjoint(arguments)

@@ -14,10 +14,10 @@ os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 from pathlib import Path
 
 import pytest
-from end_to_end import is_end_to_end
 from hypothesis import HealthCheck, settings
 from markupsafe import Markup
 
+from end_to_end import is_end_to_end
 from rig.config import BenchConfig
 from rig.config.write import write_bench
 from rig.experiments.lift_plan import TrialSettings

@@ -276,8 +276,7 @@ def machine() -> dict[str, object]:
 
 def processor_and_cores() -> str:
     """Return the processor and its number of cores, for published times."""
-    of = machine()
-    return f"{of['processor']}, {of['cores']} cores"
+    return f"{processor()}, {os.cpu_count()} cores"
 
 
 def markers(name: str) -> tuple[str, str]:

@@ -99,12 +99,13 @@ def interface_ms(
         PYTHON: Streamed(choice.make(background), background).update,
         LIVE: live,
     }
-    spent: dict[str, list[float]] = {name: [] for name in updates}
-    for number, frame in enumerate(frames):
-        for place in range(number, number + len(updates)):
-            name = list(updates)[place % len(updates)]
-            if frame.image is None:
-                continue
+    names = list(updates)
+    spent: dict[str, list[float]] = {name: [] for name in names}
+    for frame in frames:
+        if frame.image is None:
+            continue
+        names.append(names.pop(0))
+        for name in names:
             began = perf_counter()
             sample = updates[name](frame.image, frame.time_ns)
             spent_ms = 1e3 * (perf_counter() - began)

@@ -35,9 +35,9 @@ def replay(options: ReplayOptions) -> None:
     """Estimate the lifts of sessions again from the stored frames.
 
     With the session's own estimator, the results are compared with the stored ones: identical with the same
-    commit on the same kind of processor, otherwise within 0.05 degrees. Several sessions, or --out, give one
-    table with a row per lift. --resume continues a run that was stopped or killed. A broken session is listed
-    in the table and skipped; the exit code is then 2.
+    commit on the same kind of processor, within 0.05 degrees on another kind. Several sessions, or --out,
+    give one table with a row per lift. --resume continues a run that was stopped or killed. A broken session
+    is listed in the table and skipped; the exit code is then 2.
 
     Examples:
       rig replay sessions/2026-11-21T093000_trial

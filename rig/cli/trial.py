@@ -253,8 +253,9 @@ def _prepare(context: typer.Context, options: TrialOptions) -> _Trial:
         f"{counted(wanted, 'lift')} of {counted(len(objects), 'object')}{parallel}; "
         "the remaining time is shown from the first lift on"
     )
-    # Workers wait for the loops of `slip` themselves, beside which their start takes no time.
-    if choice.name != DEFAULT_ESTIMATOR or ((jobs == 1 or options.realtime) and not options.dry):
+    # Each worker loads the loops of `slip` itself; a dry run does not need them.
+    loaded_later = jobs > 1 and not options.realtime
+    if choice.name != DEFAULT_ESTIMATOR or not (loaded_later or options.dry):
         begin_phase(f"preparing estimator {choice.name}")
         choice.try_making()
     done, usual_s = (0, None) if stored is None else lifts_done(folder, wanted, jobs)

@@ -63,11 +63,11 @@ def agreement_text(found: Agreement, stored: Sequence[TrialManifest] = ()) -> st
         text += f", others differ by up to {found.difference_deg:.2g} degrees"
     if not stored:
         return text
-    there, here = sorted(map(_origin, stored)), _origin(begun("replay"))
-    if {*there} == {here}:
+    there, here = sorted({*map(_origin, stored)}), _origin(begun("replay"))
+    if there == [here]:
         text += f"; both by {here}: another commit or another version of a library"
     else:
-        text += f"; stored by {', '.join(dict.fromkeys(there))}, replayed by {here}"
+        text += f"; stored by {', '.join(there)}, replayed by {here}"
     if any(manifest.markers_only for manifest in stored):
         text += "; --markers-only has stored parts of the camera's pictures, so true angles differ slightly"
     return text

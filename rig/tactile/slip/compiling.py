@@ -27,7 +27,7 @@ SOURCES = ("compiled.py", "all_loops.py", "loops.py", "pixels.py")
 LOCK, ALL_COMPILED = "compiling.lock", "all_compiled"
 """Files in the cache folder: locked while a process compiles; exists if all loops are in the folder."""
 _PROCESSOR = ("model name", "flags", "Features", "CPU part")
-"""Lines of /proc/cpuinfo that tell processors apart for which Numba compiles differently."""
+"""Keys of /proc/cpuinfo. Other values need another cache: Numba compiles for the processor's features."""
 _child: "subprocess.Popen[bytes] | None" = None
 """The process that compiles. It ends when this process has ended, which closes its standard input."""
 _announced = False

@@ -19,7 +19,7 @@ RUN pip install --no-cache-dir -c requirements.lock ".[bench]"
 RUN useradd --create-home --groups video,dialout rig && mkdir /bench && chown rig /bench
 USER rig
 # The estimator's loops, compiled where this user may keep them.
-RUN python -c "from rig.tactile.slip.compiling import compile_all; compile_all()"
+RUN python -c "from rig.tactile.slip.all_loops import compile_all; compile_all()"
 WORKDIR /bench
 
 STOPSIGNAL SIGINT

@@ -39,8 +39,7 @@ with tempfile.TemporaryDirectory() as made:
         sys.exit(
             f"wheel: missing {sorted(here - inside)}, not the rig's {sorted(others)}, or without {ENDINGS}"
         )
-    # compiling would take longer than the commands
-    environment = {**os.environ, "PYTHONPATH": str(site), "NUMBA_DISABLE_JIT": "1"}
+    environment = {**os.environ, "PYTHONPATH": str(site)}
     for words, printed in COMMANDS.items():
         done = subprocess.run(
             [sys.executable, "-c", RUN, str(site), *words],

@@ -71,11 +71,15 @@ def leave_signals_to_parent() -> None:
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
 
 
-def end_with_parent() -> None:
-    """Exit as soon as the parent is gone, even if it was killed. Call it in a `multiprocessing` child."""
+def end_with_parent(sentinel: int | None = None) -> None:
+    """Exit as soon as the parent is gone, even if it was killed.
+
+    sentinel: a pipe whose other end only the parent has; in a `multiprocessing` child there is one.
+    """
     parent = multiprocessing.parent_process()
-    if parent is not None:
-        threading.Thread(target=_watch, args=(parent.sentinel,), daemon=True).start()
+    sentinel = parent.sentinel if sentinel is None and parent is not None else sentinel
+    if sentinel is not None:
+        threading.Thread(target=_watch, args=(sentinel,), daemon=True).start()
 
 
 def _watch(sentinel: int) -> None:

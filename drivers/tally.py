@@ -1,7 +1,7 @@
 """Frame statistics of a source: received, dropped, repeated, frozen, and frames with an invalid time."""
 
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import cv2
 import numpy as np
@@ -34,6 +34,9 @@ be among them. It is unknown if the largest is more than MOST_UNSTEADY times as 
 compression or while the light changes."""
 COMPARED_PICTURES = 3
 """A picture is compared with this many earlier ones, to recognise a few encodings of one picture in turn."""
+SELDOM_NS = NS_PER_S // 10
+"""Interval of the pictures that an estimator compares, once the usual noise is known: all would take 0.1 ms
+each."""
 SAMPLES, BLOCK = 80, 8
 """About this many pixels are compared along the long side of a picture, in blocks with this side."""
 QUIET, BUSY = 0.25, 0.9
@@ -87,9 +90,15 @@ class PictureNews:
     The noise of a live sensor changes nearly every pixel of each picture. A frozen source delivers one
     picture again: bit for bit, with a few other pixels, or encoded again. So a new picture differs from the
     earlier ones by the usual noise of its stream.
+
+    every_ns: interval of the pictures that are compared once the usual noise is known; 0 for all. If one of
+    them is a copy, those between are compared, too, so that `frozen` begins at the same picture. `repeated`
+    is that of the newest compared picture.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, every_ns: int = 0) -> None:
+        self._every_ns, self._compared_ns = every_ns, 0
+        self._waiting: list[tuple[Image, int]] = []
         self.repeated = False
         """Whether the newest picture is a copy of an earlier one."""
         self.frozen = False
@@ -104,15 +113,32 @@ class PictureNews:
         height, width = (BLOCK * max(1, round(side / step / BLOCK)) for side in image.shape[:2])
         # single pixels on a grid, whose sides are multiples of BLOCK
         seen = np.asarray(cv2.resize(image, (width, height), interpolation=cv2.INTER_NEAREST), np.uint8)
-        changes = [_change(seen, old) for old in self._earlier if old.shape == seen.shape]
-        least = NOISE_SHARE * self._usual_noise()
-        self.repeated = any(share < FEW_SHARE or busy < least for share, _, busy in changes)
-        self._repeats = self._repeats + 1 if self.repeated else 0
-        if not self.repeated:
-            self._new_ns = time_ns
-            self._earlier.append(seen)
-            self._noise.extend([min(quiet for _, quiet, _ in changes)] if changes else [])
+        self._waiting.append((seen, time_ns))
+        seldom = len(self._noise) == LEARNT_PICTURES and not self.repeated
+        if seldom and 0 <= time_ns - self._compared_ns < self._every_ns:
+            return
+        self._compared_ns, waiting, self._waiting = time_ns, self._waiting, []
+        if len(waiting) == 1 or not self._compare(seen, time_ns, [picture for picture, _ in waiting[:-1]]):
+            for picture, taken_ns in waiting:
+                self._compare(picture, taken_ns)
         self.frozen = self._repeats >= FROZEN_REPEATS and time_ns - self._new_ns > FROZEN_NS
+
+    def _compare(self, seen: Image, time_ns: int, between: Sequence[Image] = ()) -> bool:
+        """Record whether a picture is new; return whether it is.
+
+        between: pictures since the last compared one; if there are any, a copy is not recorded.
+        """
+        recent = [*self._earlier, *between][-COMPARED_PICTURES:]
+        earlier = [old for old in recent if old.shape == seen.shape]
+        shares, quiet, busy = _changes(seen, earlier) if earlier else ([1.0], [], [np.inf])
+        if min(shares) < FEW_SHARE or min(busy) < NOISE_SHARE * self._usual_noise():
+            if not between:
+                self.repeated, self._repeats = True, self._repeats + 1
+            return False
+        self.repeated, self._repeats, self._new_ns = False, 0, time_ns
+        self._earlier.extend([*between, seen])
+        self._noise.extend([min(quiet)] if earlier else [])
+        return True
 
     def require_live(self, serial: str) -> None:
         """Raise `StaleFrameError` if the source with this serial has frozen."""
@@ -148,14 +174,21 @@ def new_pictures(source: FrameSource, max_age_s: float, timeout_s: float) -> Ite
             yield frame
 
 
-def _change(image: Image, earlier: Image) -> tuple[float, float, float]:
-    """Return the share of changed values, and the mean change of a quiet and of a busy block, grey levels."""
-    change = np.asarray(cv2.absdiff(image, earlier), np.uint8)
-    height, _, channels = change.shape
-    lines = change.reshape(height // BLOCK, BLOCK, -1).sum(axis=1, dtype=np.uint32)
-    sums = np.sort(lines.reshape(-1, BLOCK * channels).sum(axis=1))
-    quiet, busy = (sums[round(share * (sums.size - 1))] / (BLOCK**2 * channels) for share in (QUIET, BUSY))
-    return np.count_nonzero(change) / change.size, float(quiet), float(busy)
+def _changes(image: Image, earlier: list[Image]) -> tuple[list[float], list[float], list[float]]:
+    """Compare a picture with earlier ones of its size, at least one.
+
+    Returns for each of them the share of changed values, and the mean change of a quiet and of a busy block,
+    grey levels.
+    """
+    height, _, channels = image.shape
+    changes = [cv2.absdiff(image, old).reshape(height, -1) for old in earlier]
+    shares = [cv2.countNonZero(change) / image.size for change in changes]
+    # an integral image, because sums over single blocks take several times as long
+    corners = cv2.integral(np.concatenate(changes))[::BLOCK, :: BLOCK * channels]
+    sums = np.sort(np.diff(np.diff(corners, axis=0), axis=1).reshape(len(earlier), -1))
+    places = [round(share * (sums.shape[1] - 1)) for share in (QUIET, BUSY)]
+    quiet, busy = (sums[:, places].T / (BLOCK**2 * channels)).tolist()
+    return shares, quiet, busy
 
 
 class FrameTally:

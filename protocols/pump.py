@@ -22,7 +22,7 @@ from drivers.errors import (
 )
 from drivers.images import with_jpeg
 from drivers.interfaces import FrameSource
-from drivers.tally import PictureNews
+from drivers.tally import SELDOM_NS, PictureNews
 from drivers.types import ArmMode, ArmState, Frame, GripperState, Image
 from protocols.observer import LiftEvents
 
@@ -226,7 +226,7 @@ class _Stream:
         self.waiting: Frame | None = None
         self._earliest_ns = 0
         self._last: Frame | None = None
-        self._news = PictureNews()
+        self._news = PictureNews(SELDOM_NS)
         self._first: list[Imprint] = []
         self._newest: deque[Frame] = deque(maxlen=NEWEST_FRAMES)
 

@@ -1,5 +1,6 @@
-"""The version of the slip rig, also in a source tree that is not installed."""
+"""The version of the slip rig, also in a source tree that is not installed, and the processor it runs on."""
 
+import platform
 from pathlib import Path
 
 VERSION = "1.0.0"
@@ -18,3 +19,16 @@ def version_text() -> str:
     except (OSError, subprocess.SubprocessError):
         return VERSION
     return f"{VERSION} (commit {done.stdout.strip()})"
+
+
+def processor() -> str:
+    """Return the name of this computer's processor, such as "AMD EPYC 7763, family 25 model 1".
+
+    Virtual machines often hide the name, but not the numbers of family and model.
+    """
+    info = Path("/proc/cpuinfo")
+    lines = info.read_text(encoding="utf-8").splitlines() if info.exists() else []
+    of = {name.strip(): value.strip() for name, _, value in (line.partition(":") for line in lines)}
+    if "model name" not in of:
+        return platform.processor() or platform.machine()
+    return f"{of['model name']}, family {of.get('cpu family')} model {of.get('model')}"

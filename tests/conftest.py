@@ -14,15 +14,17 @@ os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 from pathlib import Path
 
 import pytest
-from hypothesis import HealthCheck, is_hypothesis_test, settings
+from hypothesis import HealthCheck, settings
+from hypothesis.internal.charmap import charmap
 from markupsafe import Markup
 
+from end_to_end import is_end_to_end
 from rig.config import BenchConfig
 from rig.config.write import write_bench
 from rig.experiments.lift_plan import TrialSettings
 from rig.experiments.trial import run_trial
 from rig.tactile.estimators import choose_estimator
-from rig.tactile.slip.compiling import compile_all
+from rig.tactile.slip.all_loops import compile_all
 from rig.terminal import screen
 from support.benches import lighter, short_phases
 from support.fuzz import PROFILE
@@ -35,17 +37,15 @@ signal.signal(signal.SIGHUP, signal.SIG_DFL)
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
-pytest_plugins = ("rig.contract_checks", "support.side_by_side", "support.drawn_sensor")
+pytest_plugins = ("rig.contract_checks", "support.side_by_side", "support.cpu_limit", "support.drawn_sensor")
 
 # After a time without output the name of a phase is printed, so the output would depend on the host's load.
 screen.SILENT_S = 600.0
 
-FUZZ_CASES, LONG_FUZZ_CASES = 60, 1000
-"""Damaged inputs per format, without and with --long."""
-PROPERTY_CASES, LONG_PROPERTY_CASES = 8, 200
-"""Examples of a property test that sets no number itself, without and with --long."""
-SLOW_FOLDERS = ("tests/cli/", "tests/scenario/", "tests/unit/rig/benchmark/")
-"""Folders whose tests run commands, lifts and whole trials, many of them in separate processes."""
+FUZZ_CASES, ALL_FUZZ_CASES = 60, 1000
+"""Damaged inputs per format, without and with --all."""
+PROPERTY_CASES, ALL_PROPERTY_CASES = 8, 200
+"""Examples of a property test that sets no number itself, without and with --all."""
 LONGEST_ID = 100
 """Longest text that is part of a test's name, characters."""
 ROOT = Path(__file__).parent.parent
@@ -53,13 +53,13 @@ ROOT = Path(__file__).parent.parent
 
 def pytest_configure(config: pytest.Config) -> None:
     """Set the number of hypothesis examples. They have no time limit, because the host may be loaded."""
-    long = config.getoption("--long")
+    every = config.getoption("--all")
     quiet = [HealthCheck.too_slow, HealthCheck.data_too_large, HealthCheck.function_scoped_fixture]
-    cases = config.getoption("--fuzz-cases") or (LONG_FUZZ_CASES if long else FUZZ_CASES)
+    cases = config.getoption("--fuzz-cases") or (ALL_FUZZ_CASES if every else FUZZ_CASES)
     settings.register_profile(
         PROFILE, max_examples=cases, deadline=None, suppress_health_check=quiet, database=None
     )
-    examples = LONG_PROPERTY_CASES if long else PROPERTY_CASES
+    examples = ALL_PROPERTY_CASES if every else PROPERTY_CASES
     settings.register_profile("rig", max_examples=examples, deadline=None)
     settings.load_profile("rig")
 
@@ -67,10 +67,10 @@ def pytest_configure(config: pytest.Config) -> None:
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--fuzz-cases", type=int, metavar="N", help="damaged inputs per format")
     parser.addoption(
-        "--long",
+        "--all",
         action="store_true",
-        help=f"run only the tests marked 'long', the fuzz tests with {LONG_FUZZ_CASES} inputs each, and the "
-        f"property tests with {LONG_PROPERTY_CASES} examples each",
+        help=f"also run the tests marked 'heavy', the fuzz tests with {ALL_FUZZ_CASES} inputs each, and the "
+        f"property tests with {ALL_PROPERTY_CASES} examples each",
     )
 
 
@@ -83,29 +83,25 @@ def pytest_make_parametrize_id(val: object, argname: str) -> str | None:
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Mark the tests of `SLOW_FOLDERS` as slow, and deselect tests by --long.
-
-    Without --long, tests marked 'long' are deselected; with it, all others but fuzz and property tests.
-    """
-    for item in items:
-        if item.nodeid.startswith(SLOW_FOLDERS):
-            item.add_marker(pytest.mark.slow)
-    wanted = config.getoption("--long")
-    left_out = [item for item in items if not _belongs(item, wanted)]
-    items[:] = [item for item in items if _belongs(item, wanted)]
-    config.hook.pytest_deselected(items=left_out)
+    """Without --all, deselect heavy tests, unless they are end-to-end or named on the command line."""
+    if config.getoption("--all"):
+        return
+    named = any("::" in argument for argument in config.args)
+    chosen = [item for item in items if named or is_end_to_end(item) or not item.get_closest_marker("heavy")]
+    config.hook.pytest_deselected(items=[item for item in items if item not in set(chosen)])
+    items[:] = chosen
 
 
-def _belongs(item: pytest.Item, long: bool) -> bool:
-    is_long = item.get_closest_marker("long") is not None
-    drawn = item.get_closest_marker("fuzz") is not None or is_hypothesis_test(getattr(item, "obj", None))
-    return is_long == long or (long and drawn)
-
-
+@pytest.hookimpl(trylast=True)
 def pytest_sessionstart(session: pytest.Session) -> None:
-    """Compile the estimator's loops before workers start; a message is printed if this takes time."""
+    """Make before the workers start what each would make within the time of a test.
+
+    These are the estimator's loops, of which a message is printed if they take time, and Hypothesis' table of
+    characters: 1.8 s of CPU time at the first text that is drawn after an installation.
+    """
     if not hasattr(session.config, "workerinput"):
         compile_all()
+        charmap()
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -126,8 +122,8 @@ def pytest_collection_finish() -> None:
 
 @pytest.fixture(scope="session")
 def cases(pytestconfig: pytest.Config) -> Callable[[int], int]:
-    """Return the number of cases of a seeded loop: all with --long, a twentieth without."""
-    return lambda count: count if pytestconfig.getoption("--long") else count // 20
+    """Return the number of cases of a seeded loop: all with --all, a twentieth without."""
+    return lambda count: count if pytestconfig.getoption("--all") else count // 20
 
 
 @pytest.fixture(scope="session")

@@ -220,8 +220,9 @@ class ArmLink:
         """
         if any(importlib.util.find_spec(name) is None for name in ("rtde_control", "rtde_receive")):
             raise DeviceError(
-                'arm: ur-rtde is not installed: pip install "visuotactile-slip-rig[bench]" (it exists for '
-                "Linux on x86-64, Python 3.11 and 3.12), or use a bench with another arm"
+                'arm: ur-rtde is not installed: pip install "visuotactile-slip-rig[bench]" with Python 3.11 '
+                "or 3.12 on Linux on x86-64, build it from source with pip install ur-rtde, or use a bench "
+                "with another arm"
             )
         self.dashboard, self._host, self._clock = dashboard, host, clock
         self.state = SharedState()

@@ -23,7 +23,7 @@ from rig.sessions.codec import Codec, json_line, json_value
 from rig.sessions.files import append_line, drop_torn_line
 from rig.sessions.rows import read_rows
 from rig.tactile.sample import EstimatorFaults
-from rig.version import VERSION
+from rig.version import VERSION, processor
 
 RESULTS = "results.jsonl"  # file of a study's folder: a line per finished case
 ALL = "all"  # name of the group of all cases
@@ -266,14 +266,17 @@ def as_json(study: Study[Any], options: Any, run: Run, report: Report, wall_s: f
 
 
 def machine() -> dict[str, object]:
-    info = Path("/proc/cpuinfo")
-    names = [line for line in info.read_text().splitlines() if "model name" in line] if info.exists() else []
     return {
-        "processor": names[0].partition(":")[2].strip() if names else platform.processor(),
+        "processor": processor(),
         "cores": os.cpu_count(),
         "python": platform.python_version(),
         "opencv": cv2.__version__,
     }
+
+
+def processor_and_cores() -> str:
+    """Return the processor and its number of cores, for published times."""
+    return f"{processor()}, {os.cpu_count()} cores"
 
 
 def markers(name: str) -> tuple[str, str]:

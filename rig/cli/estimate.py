@@ -205,7 +205,7 @@ def estimate_all(run: "Estimation", tips: "Sequence[SessionSeries]") -> "Iterato
 
     begin()
     compute_in_one_thread()
-    run.choice.try_making()  # compiles loops once, not in each process
+    run.choice.try_making()  # loads the loops once, not in each process
     for done in run_in_order(run.of_series, tips, os.cpu_count() or 1):
         yield done
         begin()  # the caller has printed a result

@@ -34,9 +34,10 @@ class ReplayOptions:
 def replay(options: ReplayOptions) -> None:
     """Estimate the lifts of sessions again from the stored frames.
 
-    With the session's own estimator the results are identical to the stored ones. Several sessions, or
-    --out, give one table with a row per lift. --resume continues a run that was stopped or killed. A broken
-    session is listed in the table and skipped; the exit code is then 2.
+    With the session's own estimator, the results are compared with the stored ones: identical with the same
+    commit on the same kind of processor, within 0.05 degrees on another kind. Several sessions, or --out,
+    give one table with a row per lift. --resume continues a run that was stopped or killed. A broken session
+    is listed in the table and skipped; the exit code is then 2.
 
     Examples:
       rig replay sessions/2026-11-21T093000_trial
@@ -57,7 +58,7 @@ def replay(options: ReplayOptions) -> None:
 def _replay_one(session: Path, options: ReplayOptions) -> None:
     from rig.experiments.lift_plan import stored_trial
     from rig.experiments.replay import run_replay
-    from rig.results.notes import lift_note
+    from rig.results.notes import agreement_text, lift_note
 
     began = time.perf_counter()
     trial = stored_trial(session, options.estimator, options.window)
@@ -67,12 +68,12 @@ def _replay_one(session: Path, options: ReplayOptions) -> None:
         result = run_replay(trial, trial_jobs(options.jobs, True, False), bar.showing(lift_note))
     wall_s = time.perf_counter() - began
     trial_table(result.summary, simulated, wall_s, to_stderr=options.json)
-    if result.identical is not None:
-        partly = "; --markers-only has stored parts of the camera's pictures, so true angles differ slightly"
-        partly = partly if trial.manifest.markers_only and result.identical < len(result.rows) else ""
-        say(f"{result.identical} of {counted(len(result.rows), 'lift')} exactly as stored{partly}")
+    found = result.agreement
+    if found:
+        say(agreement_text(found, [trial.manifest]))
     if options.json:
-        figures = {**result.summary.as_json(), "wall_s": round(wall_s, 2), "identical": result.identical}
+        figures = {**result.summary.as_json(), "wall_s": round(wall_s, 2)}
+        figures |= {name: getattr(found, name, None) for name in ("identical", "difference_deg")}
         emit_json({"session": str(session), "estimator": choice.name, **figures})
     report_broken(result.problems)
     report_faults(row.estimator_faults for row in result.rows if row.estimator_faults)
@@ -118,7 +119,7 @@ def _replay_many(options: ReplayOptions) -> None:
         with WorkProgress(len(plan.tasks), "lifts") as bar:
             rows = run_replays(folder, plan, manifest, run, options.resume, bar.showing(row_note))
         wall_s = round(time.perf_counter() - began, 2)
-        print_results(rows, "session", options.json)
+        print_results(rows, "session", options.json, [trial.manifest for trial in trials.values()])
         say(f"{folder}/results.csv: {counted(len(rows), 'line')}, {wall_s:.1f} s")
         if options.json:
             emit_json({"out": str(folder), **results_json(rows), "wall_s": wall_s})

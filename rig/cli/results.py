@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
     from rig.results.limits import Judged
     from rig.results.summary import TrialSummary
+    from rig.sessions.manifest import TrialManifest
     from rig.sessions.table_files import Line
 
 
@@ -29,7 +30,7 @@ def results(
     by: Annotated[By, typer.Option("--by", help="Print a row per object or per session.")] = "object",
     json: JsonOption = False,
 ) -> None:
-    """Summarize a results table: MARE with intervals, number of identical lifts, broken sessions.
+    """Summarize a results table: MARE with intervals, agreement with stored lifts, broken sessions.
 
     Examples:
       rig results sessions/ellipse
@@ -43,10 +44,16 @@ def results(
         emit_json({"table": str(table), **results_json(rows)})
 
 
-def print_results(rows: "list[Line]", by: By, to_stderr: bool) -> None:
-    """Print the summary of a table's rows by object or by session, then the broken sessions."""
+def print_results(
+    rows: "list[Line]", by: By, to_stderr: bool, stored: "Sequence[TrialManifest]" = ()
+) -> None:
+    """Print the summary of a table's rows by object or by session, then the broken sessions.
+
+    stored: see `agreement_text`.
+    """
     from rig.results.metrics import HEADING, mare_text
-    from rig.results.table import by_reaction, measured, summarize_table
+    from rig.results.notes import agreement_text
+    from rig.results.table import agreement, by_reaction, measured, summarize_table
     from rig.terminal.tables import console_table, table_console
 
     console = table_console(to_stderr)
@@ -67,8 +74,8 @@ def print_results(rows: "list[Line]", by: By, to_stderr: bool) -> None:
         title = f"{mark(any(row['simulated'] for row in good))}MARE per session, degrees: {HEADING}"
         console.print(console_table(columns, lines, range(3), title))
     estimators = ", ".join(sorted({str(row["estimator"]) for row in good})) or "none"
-    asked = [bool(row["identical"]) for row in good if row["identical"] is not None]
-    same = f"; {sum(asked)} of {counted(len(asked), 'lift')} exactly as stored" if asked else ""
+    found = agreement(good)
+    same = f"; {agreement_text(found, stored)}" if found else ""
     console.print(f"estimator {estimators}{same}", highlight=False)
     lines = [f"broken: {row['problem']}" for row in rows if row["problem"]]
     if failed := [row["estimator_fault"] for row in good if row["estimator_fault"]]:

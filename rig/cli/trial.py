@@ -214,7 +214,7 @@ def _prepare(context: typer.Context, options: TrialOptions) -> _Trial:
     from rig.results.limits import checked_limits, read_limits
     from rig.sessions.manifest import TrialManifest
     from rig.sessions.session import require_same
-    from rig.tactile.estimators import choose_estimator
+    from rig.tactile.estimators import DEFAULT_ESTIMATOR, choose_estimator
 
     options.remarks()  # an invalid one is reported first
     config = bench_of(context, options, "rig trial")
@@ -253,8 +253,11 @@ def _prepare(context: typer.Context, options: TrialOptions) -> _Trial:
         f"{counted(wanted, 'lift')} of {counted(len(objects), 'object')}{parallel}; "
         "the remaining time is shown from the first lift on"
     )
-    begin_phase(f"preparing estimator {choice.name}")
-    choice.try_making()
+    # Each worker loads the loops of `slip` itself; a dry run does not need them.
+    loaded_later = jobs > 1 and not options.realtime
+    if choice.name != DEFAULT_ESTIMATOR or not (loaded_later or options.dry):
+        begin_phase(f"preparing estimator {choice.name}")
+        choice.try_making()
     done, usual_s = (0, None) if stored is None else lifts_done(folder, wanted, jobs)
     return _Trial(options, settings, folder, objects, jobs, done, usual_s)
 

@@ -76,7 +76,7 @@ def look_at_packages(config: BenchConfig) -> list[Finding]:
     text = ", ".join(f"{library} {found or 'missing'}" for library, found in versions.items())
     python = f"Python {sys.version.split()[0]}, {os.cpu_count()} cores"
     seen = f"{python}{', ' + text if text else ''}"
-    todo = f"{pip_line('bench')} (ur-rtde: Linux x86-64, Python 3.11 or 3.12)"
+    todo = f"{pip_line('bench')} (ur-rtde: with Python 3.12 on Linux x86-64, or from source)"
     software = judged("computer", "software", not missing, seen, todo, otherwise=Severity.FAILURE)
     return [*findings, software]
 

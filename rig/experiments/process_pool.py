@@ -14,9 +14,12 @@ from typing import TypeVar
 from drivers.children import end_with_parent, leave_signals_to_parent, spawn_context
 from drivers.errors import InputError, RigError
 from drivers.progress import show_on, steps
+from rig.tactile.slip.compiling import is_compiling
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
+COMPILING_POLL_S = 0.1
+"""Time between two checks whether the loops are compiled."""
 
 
 def run_tasks(
@@ -39,11 +42,13 @@ def run_tasks(
     running: dict[Future[Result], Task] = {}
     try:
         while tasks or running:
-            # One queued task per worker keeps it busy; more would hold results in memory.
-            while tasks and len(running) < 2 * jobs:
+            # One queued task per worker keeps it busy; more would hold results in memory. While another
+            # process compiles, one worker starts alone: further ones would delay both, and then wait.
+            compiling = is_compiling()
+            while tasks and len(running) < (1 if compiling else 2 * jobs):
                 task = tasks.pop(0)
                 running[pool.submit(work, task)] = task
-            for future in wait(running, return_when=FIRST_COMPLETED).done:
+            for future in wait(running, COMPILING_POLL_S if compiling else None, FIRST_COMPLETED).done:
                 yield running.pop(future), future.result()
     except BrokenExecutor as error:
         raise RigError(

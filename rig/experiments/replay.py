@@ -18,7 +18,17 @@ from rig.experiments.process_pool import run_tasks
 from rig.lift.result import lift_result
 from rig.results.listing import find_sessions
 from rig.results.summary import TrialSummary, summarize_trial
-from rig.results.table import COLUMNS, REPLAYS, broken_row, session_cells, table_row, unread_row
+from rig.results.table import (
+    COLUMNS,
+    REPLAYS,
+    Agreement,
+    agreement,
+    broken_row,
+    compared,
+    session_cells,
+    table_row,
+    unread_row,
+)
 from rig.sessions.manifest import ReplayManifest, TrialManifest, begun, read_manifest
 from rig.sessions.reading import show_again
 from rig.sessions.recording_file import Gaps, gaps_text
@@ -34,15 +44,15 @@ Key = tuple[str, int | None, int | None]
 
 @dataclass(frozen=True, slots=True)
 class Replay:
-    """Result of a replay: summary, rows, and the number of lifts that equal the stored ones bit for bit.
+    """Result of a replay.
 
-    identical: None with another estimator. problems: unreadable parts; a lift with a gap in its
-    recording counts with the rest of it.
+    agreement: with the stored lifts; None with another estimator. problems: unreadable parts; a lift with a
+    gap in its recording counts with the rest of it.
     """
 
     summary: TrialSummary
     rows: list[Lift]
-    identical: int | None
+    agreement: Agreement | None
     problems: tuple[str, ...] = ()
 
 
@@ -70,8 +80,8 @@ def run_replay(
     if not rows:
         raise SessionError(problems[0])
     in_order = [rows[number] for number in sorted(rows)]
-    identical = sum(row == stored[row.number] for row in in_order) if trial.own_estimator else None
-    return Replay(summarize_trial(in_order), in_order, identical, tuple(problems))
+    cells = [compared(row, stored[row.number]) for row in in_order if trial.own_estimator]
+    return Replay(summarize_trial(in_order), in_order, agreement(cells), tuple(problems))
 
 
 def replay_lift(
@@ -201,7 +211,7 @@ def replay_task(task: ReplayTask) -> Line:
     row, problem = replay_lift(trial.folder, trial.settings, task.row)
     if row is None:
         return unread_row(about, task.row, problem or "")
-    return table_row(about, row, row == task.row if trial.own_estimator else None, problem)
+    return table_row(about, row, task.row if trial.own_estimator else None, problem)
 
 
 def _key(row: Line) -> Key:

@@ -14,7 +14,7 @@ from drivers.errors import FormatError, InputError, counted
 from drivers.progress import steps
 from drivers.types import ArmState, Image
 from rig.frames.of_session import SessionSeries
-from rig.frames.series import FrameSeries, TimedFrame, make_background
+from rig.frames.series import FrameSeries, TimedFrame, evenly_spread, make_background
 from rig.frames.slip_alarm import slips
 from rig.frames.times import FrameTime, parse_time, sparse_note
 from rig.sessions.table_files import csv_bytes
@@ -40,6 +40,9 @@ DARK_SHARE = 0.7
 CONTACT_IN_BACKGROUND = (
     f"{LOOKS_LIKE_CONTACT} that other frames do not show: give an IMAGE without contact, or --background auto"
 )
+CHECKED_FRAMES = 24
+"""A background is checked with this many to twice as many frames of a recording, after the last one; each
+takes about 1 ms."""
 TIME_PERCENTILES = (50, 90, 99)
 FRAME_MS = "ms per frame with contact: median, 90 %, 99 %"
 """Heading of a column with the values of `frame_ms`."""
@@ -141,27 +144,37 @@ def estimate_series(
 
     count: number of frames, if known, for the display of progress.
     """
-    frames, shown = tee(steps(series, count))
-    pairs = [(frame.time, s) for frame, s in zip(frames, estimate_frames(estimator, shown), strict=True)]
+    pairs = [(frame.time, sample) for frame, sample in _estimated(series, estimator, count)]
     return Estimate(tuple(time for time, _ in pairs), tuple(sample for _, sample in pairs))
+
+
+def _estimated(
+    series: Iterable[TimedFrame], estimator: TactileEstimator, count: int | None
+) -> Iterator[tuple[TimedFrame, SlipSample]]:
+    frames, shown = tee(steps(series, count))
+    return zip(frames, estimate_frames(estimator, shown), strict=True)
 
 
 def estimate_checked(
     series: FrameSeries, estimator: TactileEstimator, background: Image
 ) -> tuple[Estimate, BackgroundCheck]:
-    """Estimate every frame as `estimate_series` does, and check the background with each frame.
+    """Estimate every frame as `estimate_series` does, then check the background with some of the frames.
 
     The estimate has no angles if the check finds that the frames do not fit. Raises `InputError`.
     """
-    check = BackgroundCheck(background)
+    times, samples = list[FrameTime](), list[SlipSample]()
 
-    def checked() -> Iterator[TimedFrame]:
-        for frame in series:
-            if frame.image is not None:
-                check.add(frame.image, frame.time_ns)
+    def estimated() -> Iterator[TimedFrame]:
+        for frame, sample in _estimated(series, estimator, series.count):
+            times.append(frame.time)
+            samples.append(sample)
             yield frame
 
-    found = estimate_series(checked(), estimator, series.count)
+    check = BackgroundCheck(background)
+    for frame in evenly_spread(estimated(), CHECKED_FRAMES):
+        if frame.image is not None:
+            check.check(frame.image, frame.time_ns)
+    found = Estimate(tuple(times), tuple(samples))
     if check.misfit:
         found = replace(found, samples=tuple(sample.without_angle() for sample in found.samples))
     return found, check

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from itertools import islice, pairwise
 from pathlib import Path
+from typing import TypeVar
 
 import cv2
 import numpy as np
@@ -81,6 +82,9 @@ class TimedFrame:
     @property
     def time_ns(self) -> int:
         return self.time.time_ns
+
+
+Item = TypeVar("Item")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -216,13 +220,13 @@ def find_background(name: str, images: Iterable[Image], spread: Sequence[Image])
     )
 
 
-def evenly_spread(images: Iterable[Image], least: int = MAX_FRAMES) -> list[Image]:
-    """Return evenly spread images of a series of unknown length, `least` to twice as many of a long one."""
-    kept: list[Image] = []
+def evenly_spread(items: Iterable[Item], least: int = MAX_FRAMES) -> list[Item]:
+    """Return evenly spread items of a series of unknown length, `least` to twice as many of a long one."""
+    kept: list[Item] = []
     step = 1
-    for index, image in enumerate(images):
+    for index, item in enumerate(items):
         if index % step == 0:
-            kept.append(image)
+            kept.append(item)
         if len(kept) > 2 * least:
             kept, step = kept[::2], 2 * step
     return kept

@@ -12,7 +12,7 @@ from drivers.formats import MAX_TIME_S
 from drivers.types import Image
 from rig.frames.slip_alarm import SlipAlarm
 from rig.lift.object_angle import ZERO_S, TipTrack
-from rig.tactile.contact.background_check import CHECK_EVERY_NS, TAKE_AGAIN, BackgroundCheck
+from rig.tactile.contact.background_check import TAKE_AGAIN, BackgroundCheck
 from rig.tactile.sample import FROZEN, MAX_SIDE_PX, SlipSample, State, TactileEstimator, check_frame
 
 _MAX_NS = round(MAX_TIME_S * NS_PER_S)
@@ -122,7 +122,7 @@ class StreamingEstimator:
         then have no angle.
         """
         check_frame(background, self._shape)
-        self._check = BackgroundCheck(background, CHECK_EVERY_NS)
+        self._check = BackgroundCheck(background)
         self._warn(self._check)
 
     def set_reference(self, time_s: float | None = None) -> None:

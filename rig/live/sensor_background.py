@@ -12,7 +12,7 @@ from drivers.images import encode_png, load_image
 from drivers.types import Frame, Image
 from rig.sessions.files import not_written, state_folder, write_file
 from rig.tactile.contact.background import mean_background
-from rig.tactile.contact.background_check import CHECK_EVERY_NS, BackgroundCheck, gel_change
+from rig.tactile.contact.background_check import BackgroundCheck, gel_change
 from rig.tactile.sample import NO_COLOUR, has_colour
 
 BACKGROUND_FRAMES = 15
@@ -123,7 +123,7 @@ class SensorBackground:
 
     def _use(self, image: Image, origin: str) -> None:
         self.image, self.origin = image, origin
-        self._check = BackgroundCheck(image, CHECK_EVERY_NS)
+        self._check = BackgroundCheck(image)
         self._doubted = bool(self.doubt)
 
     def _next(self, news: str, image: Image) -> str:

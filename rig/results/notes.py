@@ -1,13 +1,19 @@
 """Make the printed lines about lifts and trials."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from statistics import median
 
 from drivers.errors import counted
 from rig.results.summary import ADVICE, ReactingSummary, TrialSummary, main_refusal
-from rig.results.table import table_lift
+from rig.results.table import Agreement, table_lift
+from rig.sessions.manifest import Manifest, TrialManifest, begun
 from rig.sessions.records import Lift
 from rig.sessions.table_files import Line
+
+SAME_DEG = 0.05
+"""Largest difference of a replay on another kind of processor (contract). With the libraries' code for
+processors without AVX, an easy and a hard lift of each object: slip 0.0013; pca, skeleton, ellipse 1e-8."""
 
 
 def lift_note(lift: Lift) -> str:
@@ -39,6 +45,36 @@ def row_note(row: Line) -> str:
         return f"{where}: {row['problem']}"
     warning = f", WARNING: {row['estimator_fault']}" if row["estimator_fault"] else ""
     return f"{where}: {lift_note(table_lift(row))}{warning}"
+
+
+def agreement_text(found: Agreement, stored: Sequence[TrialManifest] = ()) -> str:
+    """Return how replayed lifts agree with the stored ones, and what differs between session and replay.
+
+    stored: manifests of the sessions, if they are known.
+    """
+    text = f"{found.identical} of {counted(found.lifts, 'lift')} exactly as stored"
+    if found.identical == found.lifts:
+        return text
+    if found.difference_deg is None:
+        text += ", an angle is missing in a stored or a replayed lift"
+    elif found.difference_deg <= SAME_DEG:
+        text += f", the others within {SAME_DEG:g} degrees ({found.difference_deg:.2g})"
+    else:
+        text += f", others differ by up to {found.difference_deg:.2g} degrees"
+    if not stored:
+        return text
+    there, here = sorted({*map(_origin, stored)}), _origin(begun("replay"))
+    if there == [here]:
+        text += f"; both by {here}: another commit or another version of a library"
+    else:
+        text += f"; stored by {', '.join(there)}, replayed by {here}"
+    if any(manifest.markers_only for manifest in stored):
+        text += "; --markers-only has stored parts of the camera's pictures, so true angles differ slightly"
+    return text
+
+
+def _origin(manifest: Manifest) -> str:
+    return f"version {manifest.tool_version} on {manifest.processor or 'an unknown processor'}"
 
 
 def reaction_text(reacting: ReactingSummary) -> str:

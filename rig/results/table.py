@@ -3,10 +3,13 @@
 `rig.sessions.records.Lift` declares the columns of a lift. A row is a dict by column, None if unknown.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import fields
 from math import isfinite
 from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
 
 from drivers.errors import FormatError, InputError
 from drivers.formats import reason, shown
@@ -29,18 +32,31 @@ _OF_LIFT = {column.name: column for column in lift_columns()}
 _OF_SESSION: Columns = {
     "session": str, "started": str, "bench": str, "simulated": bool, "estimator": str, "window": int,
 }  # fmt: skip
-_OF_REPLAY: Columns = {"identical": bool, "problem": str}
+_OF_REPLAY: Columns = {"identical": bool, "difference_deg": float, "problem": str}
 
 
 _KINDS: Columns = {name: column.kind for name, column in _OF_LIFT.items()}
 _BEFORE = list(_KINDS)[: list(_KINDS).index("recording") + 1]
 COLUMNS: Columns = {**_OF_SESSION, **{name: _KINDS[name] for name in _BEFORE}, **_OF_REPLAY, **_KINDS}
 """Columns of tables of many lifts in order, with their types: `session` is its folder, `identical` whether a
-replay gave exactly the stored lift, `problem` why the lift, a part of it, or its session cannot be read."""
+replay gave exactly the stored lift, for `difference_deg` see `Agreement`, `problem` why the lift, a part of
+it, or its session cannot be read."""
 NEEDED = ("session", "object", "accepted", "re_mean_deg")
 """Columns that a results table must have."""
 ERRORS = ("re_b", "re", "re_held")
 """Errors of a lift: over phase B, over phases B and C, over both with refused frames held."""
+
+
+class Agreement(NamedTuple):
+    """Comparison of replayed lifts with the stored ones.
+
+    identical: number of lifts that are equal bit for bit. difference_deg: largest difference of an angle or
+    an error; None if one is missing in the replayed or in the stored lift only.
+    """
+
+    lifts: int
+    identical: int
+    difference_deg: float | None
 
 
 class _LineCodec(Codec[Line]):
@@ -74,10 +90,31 @@ def session_cells(folder: str, manifest: TrialManifest, estimator: str, window: 
     return {**about, "estimator": estimator, "window": window}
 
 
-def table_row(about: Line, lift: Lift, identical: bool | None = None, problem: str | None = None) -> Line:
-    """Return a lift as a row. about: see `session_cells`. identical, problem: see `COLUMNS`."""
+def table_row(about: Line, lift: Lift, stored: Lift | None = None, problem: str | None = None) -> Line:
+    """Return a lift as a row.
+
+    about: see `session_cells`. stored: if its session's own estimator was used again. problem: see `COLUMNS`.
+    """
     cells = {name: column.value(lift) for name, column in _OF_LIFT.items()}
-    return dict.fromkeys(COLUMNS) | about | cells | {"identical": identical, "problem": problem}
+    same = compared(lift, stored) if stored else {}
+    return dict.fromkeys(COLUMNS) | about | cells | same | {"problem": problem}
+
+
+def compared(lift: Lift, stored: Lift) -> Line:
+    """Return the cells that compare a replayed lift with the stored one."""
+    columns = [column for name, column in _OF_LIFT.items() if name.endswith("_deg")]
+    here, there = (np.array([column.value(of) for column in columns], dtype=float) for of in (lift, stored))
+    known = (np.isnan(here) == np.isnan(there)).all()
+    most_deg = float(np.nanmax(np.abs(here - there), initial=0.0)) if known else None
+    return {"identical": lift == stored, "difference_deg": most_deg}
+
+
+def agreement(rows: Iterable[Line]) -> Agreement | None:
+    """Return how the compared lifts of a table agree with the stored ones; None if none was compared."""
+    cells = [(row["identical"], row["difference_deg"]) for row in rows if row["identical"] is not None]
+    most = [deg for _, deg in cells if isinstance(deg, float)]
+    most_deg = max(most, default=0.0) if len(most) == len(cells) else None
+    return Agreement(len(cells), sum(bool(same) for same, _ in cells), most_deg) if cells else None
 
 
 def unread_row(about: Line, lift: Lift, problem: str) -> Line:
@@ -145,14 +182,15 @@ def results_json(rows: Sequence[Line]) -> dict[str, object]:
     of lifts without reaction, and `by_reaction` has the figures of each reaction.
     """
     good = [row for row in rows if measured(row)]
-    asked = [bool(row["identical"]) for row in good if row["identical"] is not None]
+    found = agreement(good)
     apart = {kind: summarize_table(own).as_json() for kind, own in by_reaction(good).items()}
     return {
         "simulated": any(row["simulated"] for row in good),
         "estimators": sorted({str(row["estimator"]) for row in good}),
         "sessions": len({row["session"] for row in good}),
         "broken": [{key: row[key] for key in ("session", "problem")} for row in rows if row["problem"]],
-        "identical": sum(asked) if asked else None,
+        "identical": found and found.identical,
+        "difference_deg": found and found.difference_deg,
         **next(iter(apart.values()), summarize_table(()).as_json()),
         **({"by_reaction": apart} if len(apart) > 1 else {}),
     }

@@ -71,7 +71,7 @@ CONTACT_PREFIX = "/contact/"
 CLOCK_OFFSET = "clock_offset_ns"
 """Key in the metadata of each channel: offset added to the bench's clock, so that times are dates."""
 SIMULATED_EPOCH_NS = 946_684_800_000_000_000
-"""2000-01-01 UTC, the start of every simulated lift, so that equal seeds give equal bytes."""
+"""2000-01-01 UTC, the start of every simulated lift, so that equal seeds give equal bytes on one computer."""
 _OUTLINE_RGBA = (0.0, 0.62, 0.45, 1.0)
 """Colour of a contact's outline: red, green, blue, opacity, 0 to 1."""
 

@@ -18,7 +18,7 @@ from rig.config.objects import with_objects_of
 from rig.sessions.about import NO_REMARKS, Remarks
 from rig.sessions.codec import Codec, json_value, strict
 from rig.sessions.files import MANIFEST, RESULTS, read_whole
-from rig.version import VERSION
+from rig.version import VERSION, processor
 
 SCHEMA_VERSION = 1
 """Version of all files in a session folder."""
@@ -27,7 +27,7 @@ SCHEMA_VERSION = 1
 @strict
 @dataclass(frozen=True, kw_only=True)
 class Manifest:
-    """Fields of every session. started, completed: UTC, to the second."""
+    """Fields of every session. started, completed: UTC, to the second. processor: name; "" if unknown."""
 
     schema_version: int
     tool_version: str
@@ -35,6 +35,7 @@ class Manifest:
     status: Literal["running", "complete"]
     started: str
     completed: str | None = None
+    processor: str = ""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -120,6 +121,7 @@ def begun(kind: str) -> Manifest:
         kind=kind,
         status="running",
         started=now_text(),
+        processor=processor(),
     )
 
 
@@ -238,7 +240,7 @@ def _value(value: Any) -> str:
     return ", ".join(map(str, value)) if isinstance(value, (list, tuple)) else str(value)
 
 
-_OWN = {"schema_version", "tool_version", "status", "started", "completed", "remarks"}
+_OWN = {"schema_version", "tool_version", "status", "started", "completed", "processor", "remarks"}
 """Fields that describe the session's course and people's remarks, not what was requested."""
 
 

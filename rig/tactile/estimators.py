@@ -145,7 +145,7 @@ class EstimatorChoice:
 
 
 def _compile_loops() -> None:
-    from rig.tactile.slip.compiling import compile_all  # here, because importing numba is slow
+    from rig.tactile.slip.all_loops import compile_all  # here, because importing numba is slow
 
     compile_all()
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from drivers.clock import NS_PER_S
 from drivers.errors import InputError, counted
-from drivers.tally import LONGEST_STEP_NS, PictureNews, StreamTimes
+from drivers.tally import LONGEST_STEP_NS, SELDOM_NS, PictureNews, StreamTimes
 from drivers.types import ArmState, Image
 from drivers.values import short_repr
 from rig.tactile.settling import SettlingByArea
@@ -194,7 +194,7 @@ class FreshFrameEstimator(TactileEstimator):
     def __init__(self, shape: tuple[int, ...] | None = None) -> None:
         self._shape = shape
         self._last: SlipSample | None = None
-        self._times, self._settling, self._news = StreamTimes(), SettlingByArea(), PictureNews()
+        self._times, self._settling, self._news = StreamTimes(), SettlingByArea(), PictureNews(SELDOM_NS)
         self._set_back_ns = 0
 
     def update(self, image: Image, time_ns: int) -> SlipSample:

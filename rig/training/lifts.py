@@ -152,10 +152,11 @@ def _thinned(recording: Path, serial: str) -> Iterator[Frame]:
 def simulated_lifts(
     objects: Sequence[str], lifts: int, seed: int, report: LiftReport, sight_hz: float | None = None
 ) -> Iterator[LearntLift]:
-    """Carry out `lifts` lifts of each object on a simulated bench. Equal seeds give equal lifts.
+    """Carry out `lifts` lifts of each object on a simulated bench.
 
-    The protocol, plan, steps and waiting times are those of `rig trial`. The camera is not rendered, because
-    the ground truth comes from the simulated world. sight_hz: rate of the tactile frames; None for none.
+    Equal seeds give equal lifts on one computer. The protocol, plan, steps and waiting times are those of
+    `rig trial`. The camera is not rendered, because the ground truth comes from the simulated world.
+    sight_hz: rate of the tactile frames; None for none.
     """
     config = load_bench("fake")
     settings = TrialSettings(config, seed, choose_estimator())

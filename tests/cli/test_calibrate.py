@@ -43,6 +43,7 @@ def page_is_whole(page: str, pictures: int) -> None:
     assert "nan" not in text.lower().replace("data:image", "").split("base64")[0]
 
 
+@pytest.mark.heavy
 def test_camera_is_calibrated_on_the_simulated_bench_and_again_from_its_files(tmp_path: Path) -> None:
     done = figures("camera", "--bench", "fake", "--poses", "8", "--out", tmp_path)
     samples = tmp_path / "camera-samples"
@@ -70,6 +71,7 @@ def test_refused_camera_calibration_writes_a_page_and_exits_with_2(tmp_path: Pat
     assert read_yaml(tmp_path / "camera-unknown.yaml")["calibration"]["verdict"] == "refused"
 
 
+@pytest.mark.heavy
 def test_hand_eye_is_calibrated_on_the_simulated_bench_and_again_from_its_files(tmp_path: Path) -> None:
     done = figures("hand-eye", "--bench", "fake", "--poses", "8", "--out", tmp_path)
     assert done["simulated"]
@@ -107,6 +109,7 @@ def test_hand_eye_from_target_poses_needs_no_camera(tmp_path: Path) -> None:
     assert done["quality"]["noise_found"]["robot_m"] < 1e-3
 
 
+@pytest.mark.heavy
 def test_markers_are_assessed_on_the_simulated_bench_and_again_from_its_files(tmp_path: Path) -> None:
     done = figures("markers", "--bench", "fake", "--out", tmp_path)
     again = figures("markers", "--from", tmp_path / "markers-samples", "--out", tmp_path / "again")
@@ -117,6 +120,7 @@ def test_markers_are_assessed_on_the_simulated_bench_and_again_from_its_files(tm
         page_is_whole(each["page"], 1)
 
 
+@pytest.mark.heavy
 def test_fingertip_references_are_compared_with_the_previous_ones(tmp_path: Path) -> None:
     first = figures("tactile", "--bench", "fake", "--out", tmp_path)["calibrations"]
     assert [r["verdict"] for r in first] == ["weak", "weak"]
@@ -130,6 +134,7 @@ def test_fingertip_references_are_compared_with_the_previous_ones(tmp_path: Path
     assert "changed shape" in swapped.stderr
 
 
+@pytest.mark.heavy
 def test_gel_is_calibrated_from_presses(tmp_path: Path) -> None:
     gel = SimulatedGel(3)
     background = np.rint(gel.reference).astype(np.uint8)
@@ -144,6 +149,7 @@ def test_gel_is_calibrated_from_presses(tmp_path: Path) -> None:
     page_is_whole(done["page"], 3)
 
 
+@pytest.mark.heavy
 def test_opening_tip_and_clocks_are_calibrated_from_files(tmp_path: Path) -> None:
     rows = [f"{c},{120 - 0.5 * c},{way}" for way in ("closing", "opening") for c in range(10, 200, 20)]
     (tmp_path / "gripper.csv").write_text("\n".join(["counts,opening_mm,direction", *rows]))
@@ -191,6 +197,7 @@ def test_tip_poses_need_a_stated_frame_and_a_far_tip_must_be_accepted(tmp_path: 
         assert text in page
 
 
+@pytest.mark.heavy
 def test_board_is_drawn_to_scale(tmp_path: Path) -> None:
     svg, pdf = tmp_path / "board.svg", tmp_path / "board.pdf"
     for path in (svg, pdf):

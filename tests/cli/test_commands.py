@@ -41,6 +41,7 @@ def test_help_imports_no_heavy_library() -> None:
     assert not HEAVY & set(done.stdout.split())
 
 
+@pytest.mark.heavy
 def test_trial_prints_one_json_object_and_is_marked_simulated(
     session: Path, same_trial: tuple[object, ...]
 ) -> None:
@@ -66,7 +67,7 @@ def test_trial_prints_its_extent_before_it_prepares_the_estimator(
         raise EstimatorError("not prepared")
 
     monkeypatch.setattr(EstimatorChoice, "try_making", fail)
-    done = rig("trial", "--lifts", "5", "--jobs", "2", "--out", tmp_path / "trial")
+    done = rig("trial", "--lifts", "5", "--jobs", "2", "--estimator", "pca", "--out", tmp_path / "trial")
     said = [line for line in done.stderr.splitlines() if not line.startswith(("loading", "SIMULATED"))]
     assert said[0].startswith("45 lifts of 9 objects, 2 at a time; the remaining time is shown from")
     assert said[-1] == "rig: not prepared"
@@ -177,6 +178,7 @@ def test_unwritable_session_folder_is_rejected(command: tuple[str, ...], tmp_pat
         one_line(rig(*command, "--out", out), 2, "--out")
 
 
+@pytest.mark.heavy
 def test_doctor_prints_one_json_object_and_saves_frames(tmp_path: Path) -> None:
     done = rig("doctor", "--seconds", "0.5", "--json", "--snapshot", str(tmp_path / "today"))
     assert done.returncode == 0, done.stderr
@@ -198,6 +200,7 @@ def test_unreachable_bench_is_a_one_line_error(tmp_path: Path) -> None:
     assert not (tmp_path / "s").exists()
 
 
+@pytest.mark.heavy
 def test_recording_resumes_and_has_the_layout_of_the_data_set(tmp_path: Path, light_bench_file: Path) -> None:
     out = tmp_path / "s"
     command = ["record", "--object", "7", "--poses", "2", "--images", "4", "--bench", light_bench_file]

@@ -1,6 +1,6 @@
 """Commands that start processes import nothing from the current folder, whose files may be untrusted.
 
-Without --long, one command is run, and the source is searched for other ways to start a process.
+Without --all, one command is run, and the source is searched for other ways to start a process.
 """
 
 import json
@@ -59,16 +59,17 @@ def check(folder: Path, *words: object, program: tuple[str, ...] = RIG, codes: t
     return done.stdout
 
 
-@pytest.mark.long
+@pytest.mark.heavy
 def test_replay_in_several_processes(folder: Path) -> None:
     check(folder, "replay", ".", "--jobs", 2)
 
 
+@pytest.mark.heavy
 def test_list_of_sessions_in_several_processes(folder: Path) -> None:
     check(folder, "sessions", "..")
 
 
-@pytest.mark.long
+@pytest.mark.heavy
 def test_trial_in_several_processes_with_page_and_viewer(
     folder: Path, light_bench_file: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -81,7 +82,7 @@ def test_trial_in_several_processes_with_page_and_viewer(
     )  # fmt: skip
 
 
-@pytest.mark.long
+@pytest.mark.heavy
 @pytest.mark.parametrize("program", [RIG, MODULE], ids=["script", "module"])
 def test_doctor_over_the_wire_protocol(folder: Path, program: tuple[str, ...]) -> None:
     if program == MODULE:  # Python itself imports some modules from the current folder before it runs ours
@@ -113,14 +114,14 @@ def serve(folder: Path, ready: str, *words: object) -> None:
     assert ready in seen[-1], "".join(seen)
 
 
-@pytest.mark.long
+@pytest.mark.heavy
 def test_fakes_that_are_served(folder: Path) -> None:
     serve(
         folder, "Ctrl-C", "fakes", "serve", "--host", free_address(), "--write", folder.parent / "bench.toml"
     )
 
 
-@pytest.mark.long
+@pytest.mark.heavy
 def test_page_of_label_angle(
     folder: Path, press: Callable[..., NDArray[np.uint8]], blank: NDArray[np.uint8]
 ) -> None:

@@ -32,6 +32,7 @@ def test_command_lines_are_found() -> None:
     assert sum(count > 0 for count in found.values()) > len(PAGES) / 2, found
 
 
+@pytest.mark.heavy
 def test_every_command_is_on_the_commands_page() -> None:
     named = {parse(line, may_be_a_name=True) for line in spans(COMMANDS_PAGE)}
     assert set(commands()) <= named
@@ -69,7 +70,7 @@ def test_quick_lines_of_a_page_run_in_an_empty_folder(
         assert done.returncode == 0, f"{line}: {done.stderr}"
 
 
-@pytest.mark.long
+@pytest.mark.heavy
 def test_first_lift_prints_what_its_page_shows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     text = FIRST_LIFT_PAGE.read_text(encoding="utf-8")
     shown = re.findall(r"^```text\n(.*?)^```$", text, re.DOTALL | re.MULTILINE)[0].splitlines()

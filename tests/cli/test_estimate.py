@@ -80,6 +80,7 @@ def lift(press: Draw, blank: Image, tmp_path_factory: pytest.TempPathFactory) ->
     return base
 
 
+@pytest.mark.heavy
 def test_the_table_has_a_row_per_frame_with_times_as_given(lift: Path) -> None:
     done = estimate(
         lift / "frames", "--background", lift / "bare.png", "--timestamps", lift / "times.csv",
@@ -96,6 +97,7 @@ def test_the_table_has_a_row_per_frame_with_times_as_given(lift: Path) -> None:
     assert "0 degrees is at the first frame with an angle in a settled contact" in done.stderr
 
 
+@pytest.mark.heavy
 def test_zero_is_where_the_contact_has_settled_or_as_chosen(lift: Path) -> None:
     figures = figures_of(lift / "frames", "--background", "first:2")
     assert figures["reference_time_s"] == pytest.approx(18 / 60, abs=1e-5)
@@ -109,6 +111,7 @@ def test_zero_is_where_the_contact_has_settled_or_as_chosen(lift: Path) -> None:
     assert float(rows(chosen)[5]["angle_deg"]) == pytest.approx(-20, abs=1.5)
 
 
+@pytest.mark.heavy
 def test_without_an_angle_at_the_reference_time_the_first_answer_is_zero(lift: Path) -> None:
     done = estimate(lift / "frames", "--background", "first:2", "--reference-time", "0.0")
     assert [row["state"] for row in rows(done)[:2]] == ["no_contact", "no_contact"]
@@ -137,6 +140,7 @@ def test_rate_shift_and_slip_stand_behind_the_contracts_columns(lift: Path) -> N
     assert re.search(r"; slip 0\.3\d+ s after the first frame", done.stderr)
 
 
+@pytest.mark.heavy
 def test_the_alarm_is_armed_when_the_lift_begins(lift: Path) -> None:
     for from_s, until_s in ((0.38, 0.43), (0.28, 0.35)):
         slip_s = figures_of(lift / "frames", "--background", lift / "bare.png", "--lift-from", from_s)[
@@ -145,6 +149,7 @@ def test_the_alarm_is_armed_when_the_lift_begins(lift: Path) -> None:
         assert from_s < slip_s < until_s
 
 
+@pytest.mark.heavy
 def test_background_with_contact_is_warned_of_and_table_is_written(lift: Path) -> None:
     done = estimate(lift / "frames", "--background", lift / "frames" / "f9.png", "--json")
     figures = json.loads(done.stdout)
@@ -154,6 +159,7 @@ def test_background_with_contact_is_warned_of_and_table_is_written(lift: Path) -
     assert figures_of(lift / "frames", "--background", lift / "bare.png")["warnings"] == []
 
 
+@pytest.mark.heavy
 def test_default_background_is_the_untouched_opening(press: Draw, tmp_path: Path) -> None:
     untouched = [press(None, seed=100 + i) for i in range(10)]
     for i, image in enumerate([*untouched, *drawn_frames(press)[2:]]):
@@ -195,6 +201,7 @@ def test_a_published_script_keeps_its_own_zero(lift: Path) -> None:
     assert "leave --reference-time out" in refusal(*own)
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -231,6 +238,7 @@ def session(press: Draw, blank: Image, tmp_path: Path, monkeypatch: pytest.Monke
     return tmp_path
 
 
+@pytest.mark.heavy
 def test_a_session_gives_a_table_per_lift_and_sensor_of_the_objects_angle(session: Path) -> None:
     out = session / "angles"
     figures = figures_of(session, "--estimator", "ellipse", "--out", out)
@@ -247,6 +255,7 @@ def test_a_session_gives_a_table_per_lift_and_sensor_of_the_objects_angle(sessio
         assert said in refusal(session, *options)
 
 
+@pytest.mark.heavy
 def test_recording_gives_one_table_of_its_fingertips(one_lift: Path, tmp_path: Path) -> None:
     copied = tmp_path / "copied.mcap"
     copied.write_bytes((one_lift / "lifts" / "001.mcap").read_bytes())
@@ -264,6 +273,7 @@ def test_recording_gives_one_table_of_its_fingertips(one_lift: Path, tmp_path: P
     assert all(serial in text for serial in by_sensor)
 
 
+@pytest.mark.heavy
 def test_one_sensor_of_a_recording_is_as_in_its_session(one_lift: Path, tmp_path: Path) -> None:
     recording, serial = one_lift / "lifts" / "001.mcap", "SIM-D0002"
     same = ("--sensor", serial, "--estimator", "ellipse")
@@ -287,6 +297,7 @@ def test_options_that_do_not_fit_a_recording_or_a_clip_are_refused(one_lift: Pat
         assert said in refusal(frames, *options), options
 
 
+@pytest.mark.heavy
 def test_page_of_own_frames_shows_curve_states_and_frames(lift: Path, tmp_path: Path) -> None:
     page = tmp_path / "lift.html"
     figures_of(lift / "frames", "--background", lift / "bare.png", "--page", page)
@@ -308,6 +319,7 @@ def test_clip_without_contact_is_named_and_has_a_page(blank: Image, tmp_path: Pa
     assert "refused" in (tmp_path / "clip.html").read_text()
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("storage", ["mcap", "sqlite3", "ros1"])
 def test_ros_bag_gives_the_estimates_of_the_same_frames_as_files(
     lift: Path, press: Draw, tmp_path: Path, storage: str
@@ -323,6 +335,7 @@ def test_ros_bag_gives_the_estimates_of_the_same_frames_as_files(
     assert len(rows(of_bag)) == 28
 
 
+@pytest.mark.heavy
 def test_ros_bag_of_public_frames_gives_their_estimates(real_data: Path, tmp_path: Path) -> None:
     clip = min((real_data / "marker_slip_clips").glob("*_exp_num_1_camera_*.avi"))
     frames = list(read_frames(clip))[:60]

@@ -21,6 +21,7 @@ def rig_without_extras(folder: Path, *arguments: str) -> subprocess.CompletedPro
     return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize(
     "arguments",
     [("trial", "--bench", "wire", "--lifts", "1", "--object", "7"), ("fakes", "serve", "--write", "f.toml")],
@@ -33,6 +34,7 @@ def test_wire_bench_without_its_libraries_names_the_line_that_installs_them(
     assert done.stderr.endswith('needs pymodbus: pip install "visuotactile-slip-rig[bench]"\n')
 
 
+@pytest.mark.heavy
 def test_simulated_bench_needs_no_extra(tmp_path: Path) -> None:
     done = rig_without_extras(tmp_path, "trial", "--lifts", "1", "--object", "7", "--dry-run")
     assert (done.returncode, "nothing was moved" in done.stderr) == (0, True), done.stderr

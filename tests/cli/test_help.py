@@ -14,7 +14,7 @@ from typer.core import TyperGroup
 
 from support.command_line import rig
 from support.documentation import commands, program
-from support.marks import long
+from support.marks import heavy
 
 STORED_TRIAL = str(Path(__file__).parents[1] / "data" / "stored_trial")
 FRAME = "╭╮╰╯─│"
@@ -59,7 +59,7 @@ def test_summary_in_the_list_of_commands_is_the_first_paragraph_of_the_help(name
     assert program().commands[name].help == " ".join(EVERY[name].help.split("\n\n")[0].split())
 
 
-@pytest.mark.parametrize("columns", [80, pytest.param(140, marks=pytest.mark.long)])
+@pytest.mark.parametrize("columns", [80, pytest.param(140, marks=pytest.mark.heavy)])
 @pytest.mark.parametrize("name", EVERY)
 def test_help_neither_cuts_nor_splits_a_word(
     name: str, columns: int, monkeypatch: pytest.MonkeyPatch
@@ -129,7 +129,7 @@ def completed(line: str, folder: Path, code: str = "") -> list[str]:
     [
         ("rig benchmark est", ["estimators"]),
         ("rig tri", ["trial"]),
-        *long(("rig trial --react ti", ["tighten"]), ("rig trial --obj", ["--object", "--objects"])),
+        *heavy(("rig trial --react ti", ["tighten"]), ("rig trial --obj", ["--object", "--objects"])),
     ],
 )
 def test_tab_completes_commands_options_and_choices(line: str, offered: list[str], tmp_path: Path) -> None:

@@ -56,6 +56,7 @@ def person(monkeypatch: pytest.MonkeyPatch) -> Browse:
     return works
 
 
+@pytest.mark.heavy
 def test_lines_become_labels_that_the_benchmark_reads(clip: Path, person: Browse) -> None:
     def task(address: str) -> None:
         draw_all(address, [2, 6, 9, 13], shift_px=0.5)
@@ -73,6 +74,7 @@ def test_lines_become_labels_that_the_benchmark_reads(clip: Path, person: Browse
     assert judged.returncode in (0, 4), judged.stderr
 
 
+@pytest.mark.heavy
 def test_token_is_in_a_file_of_this_user_alone(clip: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     opened: list[str] = []
 
@@ -93,6 +95,7 @@ def test_token_is_in_a_file_of_this_user_alone(clip: Path, monkeypatch: pytest.M
     assert not Path(urlsplit(opened[0]).path).exists()
 
 
+@pytest.mark.heavy
 def test_drawing_continues_after_a_stop(clip: Path, person: Browse) -> None:
     def stops(address: str) -> None:
         draw_all(address, [2])
@@ -115,6 +118,7 @@ def test_drawing_continues_after_a_stop(clip: Path, person: Browse) -> None:
     assert [label.frame for label in read_clips(clip)[0].labels] == [8, 13]
 
 
+@pytest.mark.heavy
 def test_missing_background_is_the_first_frame_and_other_frames_than_before_are_refused(
     clip: Path, person: Browse
 ) -> None:
@@ -128,6 +132,7 @@ def test_missing_background_is_the_first_frame_and_other_frames_than_before_are_
     assert "was begun with 2 frames and the reference 2" in refused.stderr
 
 
+@pytest.mark.heavy
 def test_existing_labels_are_replaced_only_with_overwrite(clip: Path, person: Browse) -> None:
     (clip / "labels.csv").write_text("reference_frame,keyframe,angle_deg,sigma_deg\n2,6,1,1\n")
     refused = rig("label-angle", clip, *REFERENCE)

@@ -25,7 +25,7 @@ from rig.report.session import find_lift
 from rig.sessions.manifest import TrialManifest, read_manifest_of
 from support.command_line import rig
 from support.desk_frames import desk_frames
-from support.marks import long
+from support.marks import heavy
 from support.ros_bags import TOPIC, write_bag
 from support.waiting import LIMIT_S, until
 
@@ -40,6 +40,7 @@ def clip(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.heavy
 def test_json_has_an_object_per_frame_until_the_file_ends(clip: Path) -> None:
     done = rig("live", clip, "--fps", "30", "--json")
     assert done.returncode == 0, done.stderr
@@ -65,6 +66,7 @@ def test_each_of_two_clips_has_its_own_background(tmp_path: Path) -> None:
     assert [int(image.max()) for image in given if image is not None] == [50, 51]
 
 
+@pytest.mark.heavy
 def test_file_waits_for_the_estimator_and_its_summary_counts_every_frame(clip: Path) -> None:
     """The frames come faster than they can be estimated."""
     done = rig("live", clip, "--fps", "1000", "--terminal")
@@ -78,6 +80,7 @@ def test_file_waits_for_the_estimator_and_its_summary_counts_every_frame(clip: P
     assert int(found[1]) > 100
 
 
+@pytest.mark.heavy
 def test_json_ends_when_its_reader_has_gone() -> None:
     command = [sys.executable, "-m", "rig", "live", "fake", "--json", "--seconds", "100"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL) as process:
@@ -87,6 +90,7 @@ def test_json_ends_when_its_reader_has_gone() -> None:
         assert process.wait(timeout=120) == 0
 
 
+@pytest.mark.heavy
 def test_terminal_shows_a_line_now_and_then(clip: Path) -> None:
     done = rig("live", clip, "--fps", "30", "--terminal", "--seconds", "4")
     assert done.returncode == 0, done.stderr
@@ -95,6 +99,7 @@ def test_terminal_shows_a_line_now_and_then(clip: Path) -> None:
     assert 2 <= len(lines) <= 6
 
 
+@pytest.mark.heavy
 def test_two_fakes_are_fused() -> None:
     done = rig("live", "fake", "fake", "--json", "--seconds", "3")
     assert done.returncode == 0, done.stderr
@@ -103,7 +108,8 @@ def test_two_fakes_are_fused() -> None:
     assert "SIMULATED rig live fake fake" in done.stderr
 
 
-@pytest.mark.parametrize("waits", ["SIM-DESK1", *long("taking the background")])
+@pytest.mark.heavy
+@pytest.mark.parametrize("waits", ["SIM-DESK1", *heavy("taking the background")])
 def test_ctrl_c_ends_it_wherever_it_is(waits: str) -> None:
     command = [sys.executable, "-P", "-u", "-m", "rig", "live", "fake", "fake", "--terminal"]
     both = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
@@ -118,11 +124,12 @@ def test_ctrl_c_ends_it_wherever_it_is(waits: str) -> None:
         assert rest.endswith("ended\n")
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize(
     ("moment", "times"),
     [
         ("numpy", 2),
-        *long(("typer", 1), ("rig.live.desk", 1), ("rig.cli.main", 1), ("multiprocessing.reduction", 1)),
+        *heavy(("typer", 1), ("rig.live.desk", 1), ("rig.cli.main", 1), ("multiprocessing.reduction", 1)),
     ],
 )
 def test_ctrl_c_while_it_starts_ends_it_without_a_traceback(moment: str, times: int) -> None:
@@ -185,7 +192,8 @@ def viewing(clips: Path) -> Iterator[tuple["subprocess.Popen[str]", str]]:
         yield process, address
 
 
-@pytest.mark.parametrize("signals", [(signal.SIGKILL,), *long(((signal.SIGINT, signal.SIGTERM),))])
+@pytest.mark.heavy
+@pytest.mark.parametrize("signals", [(signal.SIGKILL,), *heavy(((signal.SIGINT, signal.SIGTERM),))])
 def test_clip_of_a_live_view_that_is_killed_is_complete(
     tmp_path: Path, signals: tuple[signal.Signals, ...]
 ) -> None:
@@ -207,6 +215,7 @@ def test_clip_of_a_live_view_that_is_killed_is_complete(
     assert times_s[-1] > times_s[0] == 0.0
 
 
+@pytest.mark.heavy
 def test_clip_that_is_being_saved_at_the_end_is_complete_and_named(tmp_path: Path) -> None:
     with viewing(tmp_path) as (process, address):
         assert process.stderr is not None
@@ -232,6 +241,7 @@ def test_background_may_be_given_or_is_that_of_the_clip(clip: Path, tmp_path: Pa
         assert json.loads(done.stdout.splitlines()[0])["state"] == "no_contact"
 
 
+@pytest.mark.heavy
 def test_bridge_publishes_until_the_file_ends(clip: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     loopback = "<Interfaces><NetworkInterface name='lo' multicast='true'/></Interfaces>"
     uri = f"<CycloneDDS><Domain><General>{loopback}</General></Domain></CycloneDDS>"
@@ -243,6 +253,7 @@ def test_bridge_publishes_until_the_file_ends(clip: Path, monkeypatch: pytest.Mo
     assert 150 < messages <= 3 * len(list(clip.iterdir()))
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("lift", ["1", None])
 def test_lift_of_a_session_is_opened_with_both_fingertips_and_the_object(
     one_lift: Path, lift: str | None
@@ -269,6 +280,7 @@ def test_lift_of_a_session_is_opened_with_both_fingertips_and_the_object(
     assert np.ptp(angles[OBJECT]) > 5.0
 
 
+@pytest.mark.heavy
 def test_bag_is_opened_as_a_whole(tmp_path: Path) -> None:
     frames = list(desk_frames(5.0))
     bag = write_bag(
@@ -280,6 +292,7 @@ def test_bag_is_opened_as_a_whole(tmp_path: Path) -> None:
     assert history.began_s == pytest.approx(2.0)
 
 
+@pytest.mark.heavy
 def test_only_the_last_ten_minutes_of_a_long_clip_are_kept(clip: Path) -> None:
     history, _, _ = _stored(LiveOptions([str(clip)], page=True, estimator="ellipse", fps=0.25))
     (sensor,) = history.sensors.values()

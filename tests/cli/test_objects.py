@@ -68,6 +68,7 @@ def test_dry_run_shows_own_object_and_its_assumptions(lab: Path) -> None:
     assert any("lever/1 my lever" in line for line in plan["plan"])
 
 
+@pytest.mark.heavy
 def test_trial_lifts_own_object_and_stores_the_grasp_position(session: Path) -> None:
     row = json.loads((session / "lifts.jsonl").read_text())
     assert (row["object"], row["name"], row["position"]) == ("lever", "my lever", "end")
@@ -77,6 +78,7 @@ def test_trial_lifts_own_object_and_stores_the_grasp_position(session: Path) -> 
     assert [each["id"] for each in kept] == ["lever"]
 
 
+@pytest.mark.heavy
 def test_session_is_replayed_and_reported_without_the_object_folder(session: Path) -> None:
     replayed = json.loads(rig("replay", session, "--jobs", 1, "--json").stdout)
     assert replayed["identical"] == 1
@@ -102,6 +104,7 @@ def test_session_resumes_without_the_object_folder_but_not_with_a_changed_object
     assert "config.objects[0].position[0].width_m 0.02, not 0.025" in other.stderr
 
 
+@pytest.mark.heavy
 def test_recording_takes_every_pose_of_the_object_file(lab: Path, tmp_path: Path) -> None:
     folder = tmp_path / "recording"
     what = ("record", "--object", "lever", "--images", 4, "--bench", lab / "bench.toml", "--out", folder)
@@ -136,7 +139,7 @@ def test_object_that_cannot_be_lifted_is_rejected_before_the_session(
     assert not folder.exists()
 
 
-@pytest.mark.long
+@pytest.mark.heavy
 def test_marker_calibration_accepts_own_object(lab: Path, tmp_path: Path) -> None:
     what = ("calibrate", "markers", "--object", "my lever", "--objects", lab / "objects", "--bench", "fake")
     done = rig(*what, "--out", tmp_path, "--json")

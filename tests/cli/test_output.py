@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 from support.command_line import rig
-from support.marks import long
+from support.marks import heavy
 
 Run = Callable[..., "subprocess.CompletedProcess[str]"]
 STORED = Path(__file__).parents[1] / "data"
@@ -37,6 +37,7 @@ def process(
     return subprocess.run(command, text=True, timeout=120, check=False, **streams)
 
 
+@pytest.mark.heavy
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="this system has no /dev/full")
 @pytest.mark.parametrize("arguments", [("sessions", STORED, "--json"), ("--help",)])
 def test_unwritable_results_are_a_one_line_error(arguments: Sequence[object]) -> None:
@@ -56,6 +57,7 @@ def test_slow_command_prints_loading_on_stderr(monkeypatch: pytest.MonkeyPatch) 
     assert json.loads(done.stdout)["sessions"] == []
 
 
+@pytest.mark.heavy
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="this system has no /dev/full")
 def test_unwritable_progress_changes_nothing() -> None:
     with open("/dev/full", "w") as full:
@@ -64,6 +66,7 @@ def test_unwritable_progress_changes_nothing() -> None:
     assert "stored_trial" in done.stdout
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("arguments", [("sessions", STORED), ("--help",)])
 def test_closed_output_pipe_changes_no_exit_code(arguments: Sequence[object]) -> None:
     reading, writing = os.pipe()
@@ -76,6 +79,7 @@ def test_closed_output_pipe_changes_no_exit_code(arguments: Sequence[object]) ->
     assert (done.returncode, said) == (0, [])
 
 
+@pytest.mark.heavy
 def test_trial_with_a_closed_output_pipe_is_finished_and_kept(light_bench_file: Path, tmp_path: Path) -> None:
     reading, writing = os.pipe()
     os.close(reading)
@@ -92,6 +96,7 @@ def test_trial_with_a_closed_output_pipe_is_finished_and_kept(light_bench_file: 
     assert len((tmp_path / "s" / "lifts.jsonl").read_text().splitlines()) == 1
 
 
+@pytest.mark.heavy
 def test_unwritable_report_path_is_a_one_line_error(tmp_path: Path) -> None:
     pipe = tmp_path / "pipe.html"
     os.mkfifo(pipe)
@@ -116,12 +121,13 @@ def test_unexpected_os_error_is_a_one_line_error(tmp_path: Path, monkeypatch: py
     assert done.stderr.splitlines()[-1] == f"rig: {tmp_path}: Permission denied"
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize(
     ("suffix", "limit"),
     [
         ("webm", 1000),
-        *long(*(("webm", limit) for limit in (0, 20_000, 100_000))),
-        *long(*(("avi", limit) for limit in (0, 1000, 20_000, 100_000))),
+        *heavy(*(("webm", limit) for limit in (0, 20_000, 100_000))),
+        *heavy(*(("avi", limit) for limit in (0, 1000, 20_000, 100_000))),
     ],
 )
 def test_film_on_a_full_disk_is_an_error_and_keeps_the_older_film(

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from support.command_line import rig
-from support.marks import long
+from support.marks import heavy
 
 STORED = Path(__file__).parents[1] / "data" / "stored_trial"
 CLEAR, OVERRIDE, C1, TITLE, LINK = "\x1b[2J", "\u202e", "\x9b31m", "\x1b]0;owned\x07", "[link=file:///etc]"
@@ -67,19 +67,22 @@ def commands(session: Path) -> dict[str, tuple[object, ...]]:
 NAMES = ("sessions", "replay", "compare", "report", "play", "replays")
 
 
-@pytest.mark.parametrize("name", ["sessions", *long(*NAMES[1:])])
+@pytest.mark.heavy
+@pytest.mark.parametrize("name", ["sessions", *heavy(*NAMES[1:])])
 def test_control_sequences_in_foreign_text_do_not_act_on_a_terminal(session: Path, name: str) -> None:
     written = at_a_terminal(*commands(session)[name])
     assert not [text for text in ACTING if text in written]
 
 
-@pytest.mark.parametrize("name", [*NAMES[:4], *long(*NAMES[4:])])
+@pytest.mark.heavy
+@pytest.mark.parametrize("name", [*NAMES[:4], *heavy(*NAMES[4:])])
 def test_control_characters_in_foreign_text_are_escaped_in_other_output(session: Path, name: str) -> None:
     done = rig(*commands(session)[name])
     printed = done.stdout + done.stderr
     assert not [c for c in printed if c != "\n" and (not c.isprintable() or c in OVERRIDE)]
 
 
+@pytest.mark.heavy
 def test_letters_and_brackets_of_a_name_are_kept(session: Path) -> None:
     table = rig("sessions", session.parent).stdout
     assert f"é±測\\u001b[2J\\u202e\\u009b31m\\u001b]0;owned\\u0007{LINK}[bold]" in table.replace("\n", "")

@@ -50,7 +50,8 @@ ASKED = """
 """
 
 
-@pytest.mark.parametrize("columns", [80, pytest.param(160, marks=pytest.mark.long)])
+@pytest.mark.heavy
+@pytest.mark.parametrize("columns", [80, pytest.param(160, marks=pytest.mark.heavy)])
 @pytest.mark.parametrize("code", [IN_TRIAL, IN_RECORD, IN_CALIBRATE], ids=["trial", "record", "calibrate"])
 def test_displays_are_hidden_until_a_question_is_answered(
     at_terminal: AtTerminal, code: str, columns: int
@@ -78,6 +79,7 @@ def test_log_of_a_session_has_question_and_answer(at_terminal: AtTerminal) -> No
     terminal.wait_for("INFO Ready? [y/N]: answered: y")
 
 
+@pytest.mark.heavy
 def test_keys_typed_before_the_question_do_not_answer_it(at_terminal: AtTerminal) -> None:
     code = """
         import time
@@ -109,6 +111,7 @@ def test_question_without_a_terminal_counts_as_refused(at_terminal: AtTerminal, 
     assert "no terminal" in (tmp_path / "log").read_text()
 
 
+@pytest.mark.heavy
 def test_end_of_input_confirms_no_place_of_the_tip(at_terminal: AtTerminal) -> None:
     code = """if True:
     from rig.bench.operators import ConsoleOperator

@@ -32,6 +32,7 @@ def said(done: "subprocess.CompletedProcess[str]", code: int, *words: str) -> No
         assert word in done.stderr.splitlines()[-1]
 
 
+@pytest.mark.heavy
 @pytest.mark.usefixtures("quick_pages")
 def test_trial_without_report_gets_one_by_rig_report(trial: Path) -> None:
     assert not (trial / "report.html").exists()
@@ -62,6 +63,7 @@ def test_report_picture_without_a_browser_is_rejected_before_the_page(
     assert not page.exists()
 
 
+@pytest.mark.heavy
 @pytest.mark.usefixtures("quick_pages")
 def test_unwritable_report_does_not_fail_the_trial(trial: Path, light_bench_file: Path) -> None:
     same = ("--lifts", 1, "--object", "t2", "--bench", light_bench_file, "--out", trial, "--resume")
@@ -89,6 +91,7 @@ def test_unreadable_session_gets_a_page_and_a_note(tmp_path: Path) -> None:
     assert done.stderr.startswith("note: ")
 
 
+@pytest.mark.heavy
 @pytest.mark.usefixtures("quick_pages")
 def test_two_estimators_are_compared_on_one_session(
     trial: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -128,6 +131,7 @@ def test_impossible_comparisons_missing_lifts_and_missing_sessions_are_rejected(
         said(rig(*command), 2, word)
 
 
+@pytest.mark.heavy
 def test_first_lift_is_played_into_a_default_file(
     trial: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -140,6 +144,7 @@ def test_first_lift_is_played_into_a_default_file(
     assert [path.name for path in tmp_path.iterdir()] == ["trial_001.webm"]
 
 
+@pytest.mark.heavy
 def test_mp4_without_an_encoder_becomes_webm_with_a_note(
     trial: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -152,6 +157,7 @@ def test_mp4_without_an_encoder_becomes_webm_with_a_note(
     said(rig("play", trial, "--speed", "8", "--out", tmp_path / "lift.mp4"), 2, "is there already")
 
 
+@pytest.mark.heavy
 def test_own_frames_are_played(tmp_path: Path, press: Draw, monkeypatch: pytest.MonkeyPatch) -> None:
     clip = write_clip(tmp_path / "pen", press, press(None))
     monkeypatch.chdir(tmp_path)

@@ -158,6 +158,7 @@ def test_yes_answers_for_a_real_bench_only_if_the_command_line_names_it(
     assert answered == [False, True]
 
 
+@pytest.mark.heavy
 def test_stopped_trial_writes_its_report_and_prints_the_command_to_continue(
     here: Path, one_lift: Path, light_bench_file: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

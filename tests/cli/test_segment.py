@@ -41,6 +41,7 @@ def frames(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("model", ["ours", "classical", "pspnet"])
 def test_every_mask_has_the_size_of_its_image(model: str, frames: Path, tmp_path: Path) -> None:
     done = rig("segment", frames, "--model", model, "--out", tmp_path / "masks", "--json")
@@ -72,6 +73,7 @@ def test_damaged_black_and_saturated_images_are_flagged(frames: Path, tmp_path: 
     assert "cut.png: unreadable" in done.stderr
 
 
+@pytest.mark.heavy
 def test_invalid_input_is_a_one_line_error(frames: Path, tmp_path: Path) -> None:
     other = write(tmp_path / "small" / "0.png", np.full((64, 48, 3), 90, np.uint8))
     text = tmp_path / "notes.png"
@@ -86,6 +88,7 @@ def test_invalid_input_is_a_one_line_error(frames: Path, tmp_path: Path) -> None
     assert "none of the images can be read" in error("segment", text, "--model", "pspnet", *out)
 
 
+@pytest.mark.heavy
 def test_manual_corrections_are_kept_and_exported(frames: Path, tmp_path: Path) -> None:
     first = rig("label", frames, "--out", tmp_path, "--json")
     assert json.loads(first.stdout)["proposed"] == 10

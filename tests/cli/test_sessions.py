@@ -60,6 +60,7 @@ def test_table_has_remark_columns_only_with_remarks(named: Path, one_lift: Path)
     assert "operator" not in rig("sessions", one_lift).stdout
 
 
+@pytest.mark.heavy
 @pytest.mark.usefixtures("quick_pages")
 def test_remarks_of_a_trial_are_in_its_report(tmp_path: Path, one_lift: Path, light_bench_file: Path) -> None:
     folder = shutil.copytree(one_lift, tmp_path / "s")
@@ -127,6 +128,7 @@ def test_session_without_its_recordings_keeps_its_results(named: Path, tmp_path:
     assert f"3 sessions, {size_mb:,.0f} MB" in done.stderr
 
 
+@pytest.mark.heavy
 def test_parallel_listing_of_many_sessions_gives_the_same_result(tmp_path: Path) -> None:
     for number in range(8):
         shutil.copytree(STORED / "stored_trial", tmp_path / f"{number:02d}")
@@ -187,6 +189,7 @@ def test_contact_area_of_each_fingertip_is_listed(tmp_path: Path) -> None:
     assert "812, 1613" in page.read_text()
 
 
+@pytest.mark.heavy
 def test_sessions_with_a_reaction_are_listed_and_drawn_separately(one_lift: Path, tmp_path: Path) -> None:
     for name, react in (("plain", "none"), ("caught", "tighten")):
         folder = tmp_path / "sessions" / name

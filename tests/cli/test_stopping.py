@@ -198,6 +198,7 @@ AT_EVERY_LINE = """if True:
 """
 
 
+@pytest.mark.heavy
 def test_ctrl_c_at_any_line_of_the_command_line_ends_it_with_its_exit_code() -> None:
     done = subprocess.run([sys.executable, "-c", AT_EVERY_LINE], capture_output=True, text=True, timeout=120)
     assert done.returncode == 0, done.stderr

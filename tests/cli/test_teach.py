@@ -34,6 +34,7 @@ def lab(tmp_path: Path, light_bench_file: Path) -> Path:
     return tmp_path
 
 
+@pytest.mark.heavy
 def test_taught_position_is_written_and_can_be_lifted(lab: Path) -> None:
     file = lab / "objects" / "lever.toml"
     done = rig("teach", "lever", "--bench", lab / "bench.toml", "--yes", "--json")
@@ -55,6 +56,7 @@ def test_taught_position_is_written_and_can_be_lifted(lab: Path) -> None:
     assert any("lever/1" in line for line in json.loads(plan.stdout)["plan"])
 
 
+@pytest.mark.heavy
 def test_keys_teach_a_new_position(lab: Path) -> None:
     what = ("teach", "my lever", "--by", "keys", "--position", "middle", "--lift-height", 0.03)
     with (lab / "objects" / "lever.toml").open("a") as stream:
@@ -67,6 +69,7 @@ def test_keys_teach_a_new_position(lab: Path) -> None:
     assert places[0].width_m == 0.08, "the other one is as it was"
 
 
+@pytest.mark.heavy
 def test_position_that_a_trial_would_reject_is_not_written(lab: Path) -> None:
     text = (lab / "bench.toml").read_text()
     box = '\n[[keep_out]]\nname = "shelf"\nmin_m = [0.2, -0.3, 0.28]\nmax_m = [0.7, 0.3, 0.45]\n'
@@ -78,6 +81,7 @@ def test_position_that_a_trial_would_reject_is_not_written(lab: Path) -> None:
     assert (lab / "objects" / "lever.toml").read_text() == LEVER
 
 
+@pytest.mark.heavy
 def test_dry_run_refusals_and_missing_agreement_leave_the_file_unchanged(lab: Path) -> None:
     what = ("--bench", lab / "bench.toml")
     for options, code, words in (

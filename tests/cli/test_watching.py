@@ -13,7 +13,7 @@ from rig.live.state import Progress, WatchState
 from rig.terminal.onlookers import Event
 from support.benches import short_phases
 from support.command_line import rig
-from support.marks import long
+from support.marks import heavy
 
 AtTerminal = Callable[[list[str], int], Any]
 TIPS = {"SIM-D0001", "SIM-D0002"}
@@ -55,6 +55,7 @@ def page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Page]:
     made.inbox.close()
 
 
+@pytest.mark.heavy
 def test_watching_does_not_change_the_results(
     page: Page, one_lift: Path, light_bench_file: Path, tmp_path: Path
 ) -> None:
@@ -74,6 +75,7 @@ def test_watching_does_not_change_the_results(
     assert (begun.what, begun.done, begun.total, page.values["done"]) == ("lifts", 0, 1, 1)
 
 
+@pytest.mark.heavy
 def test_recording_can_be_watched(page: Page, light_bench_file: Path, tmp_path: Path) -> None:
     done = rig(
         "record", "--object", 7, "--poses", 1, "--images", 4, "--bench", light_bench_file, "--no-report",
@@ -84,7 +86,7 @@ def test_recording_can_be_watched(page: Page, light_bench_file: Path, tmp_path: 
     assert page.begun[0].what == "poses"
 
 
-@pytest.mark.long
+@pytest.mark.heavy
 def test_calibration_can_be_watched(page: Page, light_bench_file: Path, tmp_path: Path) -> None:
     blocks = ("--block-mm", 20, "--block-mm", 45, "--block-mm", 70)
     done = rig(
@@ -98,9 +100,10 @@ def test_calibration_can_be_watched(page: Page, light_bench_file: Path, tmp_path
     assert "counts closing" in " ".join(page.values["finished"])
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize(
     "what",
-    [("tactile",), *long((("markers",),), (("tcp", "--poses", 4),))],
+    [("tactile",), *heavy((("markers",),), (("tcp", "--poses", 4),))],
 )
 def test_every_calibration_reports_its_progress(
     what: tuple[object, ...], light_bench_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -147,6 +150,7 @@ def test_waiting_question_is_reported_to_observers(at_terminal: AtTerminal) -> N
     terminal.wait_for("event end done")
 
 
+@pytest.mark.heavy
 def test_page_modules_are_not_imported_without_watch() -> None:
     code = "import sys, rig.cli.main, rig.experiments.trial, rig.live.session; print(*sys.modules)"
     done = subprocess.run(

@@ -20,11 +20,12 @@ from rig.bench.fakes_process import fakes_control, started_fakes
 from rig.config import BenchConfig, load_bench
 from rig.contract_checks import make_ready_to_move, reconnect
 from support.benches import lighter
+from support.marks import require_ur_rtde
 from support.slow_motion import CLOCK, SLOWNESS
 
 EVERY_SIZE, SOME_SIZES = "slip", ((13, 17), (241, 319))
-"""Estimator for frames of every size; sizes (height, width) for the others without --long."""
-KINDS = ("fake", pytest.param("wire", marks=pytest.mark.slow), "hardware")
+"""Estimator for frames of every size; sizes (height, width) for the others without --all."""
+KINDS = ("fake", pytest.param("wire", marks=pytest.mark.heavy), "hardware")
 RUNNING = pytest.StashKey[ExitStack]()
 
 
@@ -43,6 +44,7 @@ def wire_station(request: pytest.FixtureRequest) -> Iterator[Station]:
 
     `pytest_runtest_teardown` ends them.
     """
+    require_ur_rtde()
     with ExitStack() as running:
         request.config.stash[RUNNING] = running
         config = running.enter_context(started_fakes(lighter("wire"), SLOWNESS))
@@ -53,7 +55,7 @@ def wire_station(request: pytest.FixtureRequest) -> Iterator[Station]:
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Run the tests of devices in one worker, which share the station; mark sizes of frames as long."""
+    """Run the tests of devices in one worker, which share the station; mark sizes of frames as heavy."""
     for item in items:
         if item.path.parent == Path(__file__).parent:
             if "estimator" not in item.path.name:
@@ -61,7 +63,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
             asked = item.callspec.params if hasattr(item, "callspec") else {}
             size, estimator = asked.get("size"), asked.get("make_estimator")
             if size is not None and estimator != EVERY_SIZE and size not in SOME_SIZES:
-                item.add_marker(pytest.mark.long)
+                item.add_marker(pytest.mark.heavy)
 
 
 @pytest.hookimpl(trylast=True)

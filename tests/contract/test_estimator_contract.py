@@ -9,8 +9,6 @@ from rig.contract_checks import MakeEstimator, TestEstimator  # noqa: F401
 from rig.tactile.estimators import ESTIMATORS, PUBLISHED, TOSKOV, choose_estimator
 from support.own_estimators import MODULE, own_estimators
 
-pytestmark = pytest.mark.slow
-
 OWN = f"{MODULE}:Mine"
 NAMES = [name for name in ESTIMATORS if name != TOSKOV]
 """Toskov's network asks for the arm's states too."""
@@ -23,7 +21,7 @@ def own(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
 
 
 @pytest.fixture(
-    params=[*(pytest.param(n, marks=pytest.mark.long) if PUBLISHED in n else n for n in NAMES), OWN]
+    params=[*(pytest.param(n, marks=pytest.mark.heavy) if PUBLISHED in n else n for n in NAMES), OWN]
 )
 def make_estimator(request: pytest.FixtureRequest) -> MakeEstimator:
     if request.param == OWN:

@@ -50,6 +50,7 @@ def inactive_bench(bench: Bench) -> Bench:
     return bench
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("bench", ["parallel"], indirect=True)
 def test_range_is_that_of_the_bench_file(bench: Bench) -> None:
     spec = bench.gripper.spec

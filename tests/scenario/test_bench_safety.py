@@ -1,7 +1,7 @@
 """Programs that are stopped or killed at a bench over the wire protocol that counts as real.
 
 The true motions are read from the simulated world. `rig benchmark safety` does this at random moments.
-Without --long, the parts are tested: signals in `tests/cli/test_stopping.py`, the safe end and the questions
+Without --all, the parts are tested: signals in `tests/cli/test_stopping.py`, the safe end and the questions
 about the hand in `tests/unit/protocols`, the arm's stop in `ur5e`.
 """
 
@@ -26,7 +26,7 @@ from support.command_line import SHORT_PHASES
 from support.slow_motion import SLOWNESS, pause
 from support.waiting import LIMIT_S, until
 
-pytestmark = pytest.mark.long
+pytestmark = pytest.mark.heavy
 GRASP_M, ABOVE_M = 0.06, 0.16
 """Heights of the tool at the grasp and at the start of the descent."""
 

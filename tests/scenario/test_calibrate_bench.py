@@ -57,6 +57,7 @@ def flange_tip_m(seed: int) -> tuple[float, ...]:
     return tuple(np.add((0.0, 0.0, TOOL_LENGTH_M), tip_m(seed)))
 
 
+@pytest.mark.heavy
 def test_calibrated_tip_is_in_the_flange_frame_and_equals_that_of_its_samples(tmp_path: Path) -> None:
     found = collect_tip(station(tmp_path, seed=3), 10)
     sigma = np.asarray(found.quality["sigma_m"])
@@ -69,9 +70,10 @@ def test_calibrated_tip_is_in_the_flange_frame_and_equals_that_of_its_samples(tm
     assert np.allclose(again.value["translation_m"], found.value["translation_m"], atol=1e-9)
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize(
     ("wrong_m", "verdict"),
-    [pytest.param(0.03, Verdict.GOOD, marks=pytest.mark.long), (-0.06, Verdict.REFUSED)],
+    [pytest.param(0.03, Verdict.GOOD, marks=pytest.mark.heavy), (-0.06, Verdict.REFUSED)],
 )
 def test_calibrated_tip_does_not_depend_on_the_configured_tcp(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, wrong_m: float, verdict: Verdict
@@ -98,6 +100,7 @@ def test_calibrated_tip_does_not_depend_on_the_configured_tcp(
     assert found.assessment.verdict is verdict
 
 
+@pytest.mark.heavy
 def test_blocks_give_the_opening_table_of_the_gripper(tmp_path: Path) -> None:
     found = collect_openings(station(tmp_path, bench=lighter(tip_hz=15.0)), [20.0, 45.0, 70.0])
     limits = load_bench("fake").gripper.limits
@@ -109,6 +112,7 @@ def test_blocks_give_the_opening_table_of_the_gripper(tmp_path: Path) -> None:
         collect_openings(station(tmp_path), [200.0])
 
 
+@pytest.mark.heavy
 def test_wiggle_gives_the_time_offsets_of_camera_and_fingertips(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -130,13 +134,14 @@ def test_wiggle_gives_the_time_offsets_of_camera_and_fingertips(
         assert outcome.value["add_to_stream_s"] == pytest.approx(truth, abs=1e-3)
 
 
+@pytest.mark.heavy
 def test_hand_eye_of_a_camera_in_the_hand_is_found(tmp_path: Path) -> None:
     found = collect_hand_eye(station(tmp_path), parse_target("marker:60:DICT_4X4_50:0"), Setup.EYE_IN_HAND, 9)
     assert found.value["parent_frame"] == "tcp"
     assert np.allclose(found.value["translation_m"], (0.0121, -0.0616, -0.1074), atol=2e-3)
 
 
-@pytest.mark.long
+@pytest.mark.heavy
 def test_board_on_the_tool_gives_the_focal_length(tmp_path: Path) -> None:
     found = collect_camera(station(tmp_path), parse_target("charuco:8x6:25:18:DICT_5X5_100"), 20)
     assert str(found.assessment) == "good"  # with the poses that it chose by itself
@@ -144,7 +149,7 @@ def test_board_on_the_tool_gives_the_focal_length(tmp_path: Path) -> None:
     assert found.value["camera_matrix"]["data"][0] == pytest.approx(640.0, abs=4 * sigma)
 
 
-@pytest.mark.long
+@pytest.mark.heavy
 def test_ball_presses_give_pixel_aspect_and_scale(tmp_path: Path) -> None:
     for outcome in collect_presses(station(tmp_path, bench=lighter(tip_hz=15.0)), [12.0], 9):
         truth = GelSensor(unit_seed(outcome.serials["tactile"])).mm_per_px
@@ -158,6 +163,7 @@ def test_ball_presses_give_pixel_aspect_and_scale(tmp_path: Path) -> None:
         assert Path(filed["page"]).read_text().count('<svg role="img"') >= 3
 
 
+@pytest.mark.heavy
 def test_ball_presses_are_stored_for_each_fingertip(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """`tests/cli/test_calibrate.py` solves such a folder."""
     monkeypatch.setattr("rig.calibrate.tactile.tactile_from_folder", Mock())

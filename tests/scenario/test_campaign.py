@@ -54,6 +54,7 @@ def test_a_session_in_use_is_running_and_one_left_is_unfinished(
     assert (entry.state, entry.done, entry.wanted) == (SessionState.UNFINISHED, 0, 3)
 
 
+@pytest.mark.heavy
 def test_many_sessions_give_one_table_and_the_broken_ones_their_problem(
     sessions: Path, tmp_path: Path
 ) -> None:
@@ -76,6 +77,7 @@ def kept_rows(out: Path) -> list[Line]:
     return read_rows(out / "replays.jsonl", REPLAYS)
 
 
+@pytest.mark.heavy
 def test_killed_replay_resumes_after_its_last_lift(sessions: Path, tmp_path: Path) -> None:
     out = tmp_path / "killed"
     command = ["replay", str(sessions / "a"), "--jobs", "1", "--out", str(out), "--resume"]
@@ -97,7 +99,7 @@ def test_killed_replay_resumes_after_its_last_lift(sessions: Path, tmp_path: Pat
     assert "estimator nothing, not ellipse" in other.stderr
 
 
-@pytest.mark.long
+@pytest.mark.heavy
 def test_a_cluster_of_two_workers_gives_the_same_table(sessions: Path, tmp_path: Path) -> None:
     """Also where the estimator is a lab's own, which the workers import themselves."""
     distributed = pytest.importorskip("distributed")
@@ -129,7 +131,7 @@ def test_a_cluster_of_two_workers_gives_the_same_table(sessions: Path, tmp_path:
     assert {line["estimator"] for line in read_results(tmp_path / "own")} == {mine[1]}
 
 
-@pytest.mark.long
+@pytest.mark.heavy
 def test_lifts_of_a_lost_worker_are_carried_out_by_another(light_bench_file: Path, tmp_path: Path) -> None:
     distributed = pytest.importorskip("distributed")
     what = (

@@ -54,6 +54,7 @@ def changes_sign(quaternions_xyzw: Sequence[Sequence[float]]) -> bool:
     return bool((np.sum(quaternions[1:] * quaternions[:-1], axis=1) < 0.0).any())
 
 
+@pytest.mark.heavy
 def test_csv_and_parquet_contain_the_same_tables(one_lift: Path, tmp_path: Path) -> None:
     parquet = pytest.importorskip("pyarrow.parquet")
     export_session(one_lift, "csv", tmp_path / "csv")
@@ -93,6 +94,7 @@ def test_csv_and_parquet_contain_the_same_tables(one_lift: Path, tmp_path: Path)
     assert not changes_sign([[row[name] for name in ("qx", "qy", "qz", "qw")] for row in arm])
 
 
+@pytest.mark.heavy
 @pytest.mark.filterwarnings("ignore:__array__ implementation")  # pycocotools 2.0.11 with numpy 2
 def test_coco_is_read_by_pycocotools_and_states_the_origin_of_its_masks(
     one_lift: Path, recording: Path, tmp_path: Path
@@ -185,6 +187,7 @@ def lerobot(quick_tips: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return out
 
 
+@pytest.mark.heavy
 def test_lerobot_data_set_has_its_parts_and_the_stored_images(quick_tips: Path, lerobot: Path) -> None:
     from pyarrow import parquet
 
@@ -303,6 +306,7 @@ def stamp_ns(message: Any) -> int:
     return stamp.sec * NS_PER_S + stamp.nanosec
 
 
+@pytest.mark.heavy
 def test_bag_has_every_message_with_the_stamp_of_the_recording(one_lift: Path, bag: Path) -> None:
     wanted: dict[str, list[int]] = {}
     with (one_lift / "lifts/001.mcap").open("rb") as stream:
@@ -373,6 +377,7 @@ def pose_of(message: Any) -> Pose:
     return Pose((place.x, place.y, place.z), (turn.x, turn.y, turn.z, turn.w))
 
 
+@pytest.mark.heavy
 def test_exported_bag_is_read_as_the_frames_of_the_recording(one_lift: Path, bag: Path) -> None:
     frames = list(read_frames(bag, topic="/finger_b/image_raw/compressed"))
     stored = list(recorded_frames(one_lift / "lifts/001.mcap", "SIM-D0001"))

@@ -21,6 +21,8 @@ from support.command_line import rig
 from support.recordings import unfinished_recordings
 from support.waiting import until
 
+pytestmark = pytest.mark.heavy
+
 SETTINGS = ["--object", "t2", "--estimator", "pca", "--no-report", "--lifts"]
 BYTES = 400_000
 STARTED_S = 240.0
@@ -87,7 +89,6 @@ def test_resumed_session_repeats_the_lift_and_keeps_the_interrupted_recording(
     assert (killed / row.recording).read_bytes() == (two_lifts / row.recording).read_bytes()
 
 
-@pytest.mark.long
 def test_killed_parent_of_two_workers_leaves_both_recordings(tmp_path: Path, light_bench_file: Path) -> None:
     interrupted_after(BYTES, signal.SIGKILL, tmp_path / "s", light_bench_file, jobs="2")
     time.sleep(1.0)

@@ -18,11 +18,12 @@ from rig.config import BenchConfig
 from rig.config.objects import parse_object
 from rig.config.write import write_bench
 from support.command_line import rig
+from support.marks import require_ur_rtde
 from support.notebook import run_notebook
 from support.own_estimators import forget
 from support.slow_motion import SLOWNESS, slow_down
 
-pytest.importorskip("rtde_control", reason="ur-rtde is not installed here")
+require_ur_rtde()
 
 OBJECT = """id = "{id}"
 name = "my {id}"
@@ -70,7 +71,7 @@ def done(*words: object) -> Any:
     return json.loads(ended.stdout)
 
 
-@pytest.mark.long
+@pytest.mark.heavy
 def test_lab_workflow_runs_from_an_empty_folder_to_results(lab: Path) -> None:
     bench = ("--bench", "bench.toml")
     (found,) = done("teach", "lever", *bench, "--yes")["positions"]

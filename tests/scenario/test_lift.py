@@ -25,7 +25,7 @@ from rig.sessions.records import LiftOutcome
 from rig.sessions.rows import read_finished_lifts
 from rig.tactile.estimators import choose_estimator
 from support.benches import lighter
-from support.marks import long
+from support.marks import heavy
 
 TASK = LiftTask(1, "t1", 2)
 
@@ -52,7 +52,7 @@ def test_lift_gives_a_result_with_errors_and_counts(one_lift: Path) -> None:
     assert set(row.dropped.values()) == {0}
 
 
-@pytest.mark.long
+@pytest.mark.heavy
 def test_another_seed_gives_another_lift(one_lift: Path) -> None:
     other = TrialSettings(settings().bench, 1, choose_estimator("pca"))
     row = attempt_lift(other, LiftTask(1, "t2", 1)).row
@@ -60,6 +60,7 @@ def test_another_seed_gives_another_lift(one_lift: Path) -> None:
     assert row.final_truth_deg != read_finished_lifts(one_lift)[0].final_truth_deg
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize(
     ("device", "kind", "text"),
     [
@@ -67,7 +68,7 @@ def test_another_seed_gives_another_lift(one_lift: Path) -> None:
         ("gripper", "fault", "0x0D"),
         ("tactile", "freeze", "froze"),
         ("SIM-D0002", "disconnect", "SIM-D0002"),
-        *long(
+        *heavy(
             ("arm", "disconnect", "connection lost"),
             ("gripper", "blocked", "no contact"),
             ("gripper", "stuck", "instead of"),
@@ -86,7 +87,7 @@ def test_fault_in_mid_lift_is_named_and_gives_no_result(device: str, kind: str, 
     assert "[" in row.fault  # how the bench was left
 
 
-@pytest.mark.long
+@pytest.mark.heavy
 @pytest.mark.parametrize("kind", ["blocked", "false_success", "stuck", "overshoot"])
 def test_release_that_cannot_be_verified_ends_the_lift_as_a_fault(kind: str) -> None:
     row = attempt_lift(fault("gripper", kind, 10.5), TASK).row
@@ -96,6 +97,7 @@ def test_release_that_cannot_be_verified_ends_the_lift_as_a_fault(kind: str) -> 
     assert text in row.fault
 
 
+@pytest.mark.heavy
 def test_final_angles_of_a_fallen_lift_are_those_before_the_fall(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(lift_plan, "plan_lift", lambda *of: replace(plan_lift(*of), grip_steps=2))
     row = attempt_lift(settings(), TASK).row
@@ -106,6 +108,7 @@ def test_final_angles_of_a_fallen_lift_are_those_before_the_fall(monkeypatch: py
     assert row.re_held.frames == row.re.frames  # no error is counted after the fall
 
 
+@pytest.mark.heavy
 def test_dropped_frames_are_counted_and_the_lift_goes_on_in_phases_of_the_stated_length() -> None:
     row = attempt_lift(fault("SIM-D0001", "drop", 9.0, duration_s=0.2), TASK).row
     assert row.accepted
@@ -114,6 +117,7 @@ def test_dropped_frames_are_counted_and_the_lift_goes_on_in_phases_of_the_stated
     assert row.dropped["SIM-D0001"] == 4  # of 0.2 s at 20 frames/s
 
 
+@pytest.mark.heavy
 def test_operator_stop_sets_the_object_down_first(monkeypatch: pytest.MonkeyPatch) -> None:
     config = settings()
     bench, operator = build_bench(config.bench, seed=3)
@@ -148,6 +152,7 @@ def small_disk() -> Iterator[None]:
     resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
 
 
+@pytest.mark.heavy
 @pytest.mark.usefixtures("small_disk")
 def test_full_disk_in_mid_lift_is_an_error_and_the_lift_ends_safely(tmp_path: Path) -> None:
     with pytest.raises(RecordingError, match=r"001\.unfinished\.mcap: cannot be written") as raised:
@@ -156,6 +161,7 @@ def test_full_disk_in_mid_lift_is_an_error_and_the_lift_ends_safely(tmp_path: Pa
     assert note in ("object set down, fingers open, arm retreated", "nothing held, fingers open, arm risen")
 
 
+@pytest.mark.heavy
 def test_frames_of_noise_give_no_answer(one_lift: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     measurement, passed_on = new_measurement(settings()), LiftMeasurement.frame
 

@@ -56,6 +56,7 @@ def same(one: Path, other: Path) -> bool:
     return all((one / name).read_bytes() == (other / name).read_bytes() for name in names)
 
 
+@pytest.mark.heavy
 def test_viewer_gets_images_markers_arm_and_whole_curves(
     one_lift: Path, light_bench: BenchConfig, tmp_path: Path, file: Path
 ) -> None:
@@ -79,7 +80,7 @@ def test_viewer_gets_images_markers_arm_and_whole_curves(
     assert rows["/camera"] <= row.frames["camera"]
 
 
-@pytest.mark.long
+@pytest.mark.heavy
 def test_a_killed_viewer_changes_nothing(
     one_lift: Path, light_bench: BenchConfig, tmp_path: Path, file: Path, caplog: pytest.LogCaptureFixture
 ) -> None:

@@ -59,7 +59,7 @@ def cpu_s(pid: int) -> float:
 
 
 @NEEDS_CHROMIUM
-@pytest.mark.long
+@pytest.mark.heavy
 def test_two_streams_are_shown_with_their_delay_and_dropped_frames(tmp_path: Path) -> None:
     browser = Browser(tmp_path / "profile")
     try:

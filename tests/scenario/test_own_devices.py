@@ -1,6 +1,6 @@
 """Lifts with a lab's own drivers over the wire protocols; without [fakes] the bench counts as real.
 
-Without --long, own drivers are tested in `tests/unit/rig/bench/test_own_devices.py` and `tests/contract`.
+Without --all, own drivers are tested in `tests/unit/rig/bench/test_own_devices.py` and `tests/contract`.
 """
 
 import os
@@ -47,7 +47,7 @@ def rig(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
     )  # fmt: skip
 
 
-@pytest.mark.long
+@pytest.mark.heavy
 def test_lift_with_own_drivers_needs_agreement_and_replays_identically(
     tmp_path: Path, unhurried_bench: BenchConfig, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -60,6 +60,7 @@ def not_imported(lab: Path) -> Callable[[], bool]:
     return lambda: not lab.exists() and MODULE not in sys.modules
 
 
+@pytest.mark.heavy
 def test_own_estimator_gives_the_rows_of_the_one_it_wraps_in_a_replay_by_two_processes(session: Path) -> None:
     assert all(row.answered > 0.5 and row.estimator_faults is None for row in read_finished_lifts(session))
     done = rig("replay", session, "--estimator", MINE, "--jobs", "2", "--json")
@@ -67,6 +68,7 @@ def test_own_estimator_gives_the_rows_of_the_one_it_wraps_in_a_replay_by_two_pro
     assert json.loads(done.stdout)["identical"] == 2
 
 
+@pytest.mark.heavy
 def test_session_of_an_own_estimator_imports_nothing(session: Path, not_imported: Callable[[], bool]) -> None:
     assert stored_trial(session).settings.bench.simulated
     assert list_session(session).problem is None
@@ -96,6 +98,7 @@ def test_listing_imports_nothing(lab: Path, not_imported: Callable[[], bool]) ->
     assert not_imported()
 
 
+@pytest.mark.heavy
 def test_failed_frames_are_reported_in_output_and_table(session: Path) -> None:
     folder = Path(shutil.copytree(session, session.parent / "failing"))
     out = session.parent / "failed"
@@ -110,6 +113,7 @@ def test_failed_frames_are_reported_in_output_and_table(session: Path) -> None:
     assert all("ValueError: no gradient today" in row["estimator_fault"] for row in rows)
 
 
+@pytest.mark.heavy
 def test_lift_with_failing_estimator_is_kept_and_reports_it(lab: Path, light_bench: BenchConfig) -> None:
     folder = lab.parent / "kept"
     with short_phases():
@@ -121,6 +125,7 @@ def test_lift_with_failing_estimator_is_kept_and_reports_it(lab: Path, light_ben
     assert "The estimator itself failed" in write_report([folder]).path.read_text()
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("wrong", ["In_a_library", "Arguments"])
 def test_touch_of_the_fingers_does_not_depend_on_an_own_estimator(
     wrong: str, lab: Path, light_bench: BenchConfig
@@ -148,6 +153,7 @@ def clip(lab: Path, press: Draw, blank: NDArray[np.uint8]) -> Path:
     return write_clip(lab.parent / "clips" / "one", press, blank)
 
 
+@pytest.mark.heavy
 def test_own_estimator_answers_a_folder_of_frames(clip: Path) -> None:
     frames = [clip / "frames", "--background", clip / "background.png"]
     done = [rig("estimate", *frames, "--estimator", name, "--window", "1") for name in (MINE, "pca")]
@@ -163,6 +169,7 @@ def test_own_estimator_answers_a_folder_of_frames(clip: Path) -> None:
     assert 'line 53: raise ValueError("no gradient today"))' in live.stderr.splitlines()[-1]
 
 
+@pytest.mark.heavy
 def test_own_estimator_is_scored_on_labelled_clips(clip: Path) -> None:
     (clip / "labels.csv").write_text(
         "reference_frame,keyframe,angle_deg,sigma_deg\n5,9,20,0.5\n5,11,30,0.5\n"
@@ -172,7 +179,7 @@ def test_own_estimator_is_scored_on_labelled_clips(clip: Path) -> None:
     assert report.tables[1].records[1]["score"].mean_deg < 3.0
 
 
-@pytest.mark.long
+@pytest.mark.heavy
 def test_own_estimator_is_compared_on_a_session_and_by_the_second_renderer(
     session: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -185,6 +192,7 @@ def test_own_estimator_is_compared_on_a_session_and_by_the_second_renderer(
     assert "no gradient today" in report.faults[FAILING].first
 
 
+@pytest.mark.heavy
 def test_estimator_benchmark_scores_own_estimator(session: Path) -> None:
     row = read_finished_lifts(session)[0]
     scores = score_lift(session, ("slip", "pca", MINE, FAILING), row)

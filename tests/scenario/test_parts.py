@@ -66,6 +66,7 @@ def mixed_bench(folder: Path) -> Path:
     return folder / "mixed.toml"
 
 
+@pytest.mark.heavy
 def test_one_simulated_sensor_is_recorded_by_hand_and_marked(desk: Path, tmp_path: Path) -> None:
     folder = tmp_path / "s"
     command = ["record", "--object", "7", "--by", "hand", "--bench", desk, "--out", folder, "--json"]
@@ -87,6 +88,7 @@ def test_one_simulated_sensor_is_recorded_by_hand_and_marked(desk: Path, tmp_pat
     assert exported["counts"]["images"] == 5
 
 
+@pytest.mark.heavy
 def test_whole_simulated_bench_is_recorded_by_hand_with_its_fingertips_alone(tmp_path: Path) -> None:
     shown = rig(
         "record", "--object", "mug", "--by", "hand", "--poses", 1, "--images", 4, "--no-report", "--out",
@@ -119,6 +121,7 @@ def by_hand(file: Path, folder: Path, answers: list[str]) -> list[str]:
     return asked
 
 
+@pytest.mark.heavy
 def test_person_is_asked_for_each_pose_of_a_real_sensor_even_with_yes(real_gel: Path, tmp_path: Path) -> None:
     assert by_hand(real_gel, tmp_path / "s", []) == [
         "Take everything off the gels. Does nothing touch them?",
@@ -135,6 +138,7 @@ def test_person_is_asked_for_each_pose_of_a_real_sensor_even_with_yes(real_gel: 
     assert [row.accepted for row in read_poses(tmp_path / "stopped")] == [True]
 
 
+@pytest.mark.heavy
 def test_simulated_calibration_is_refused_for_a_real_sensor_of_that_serial(
     desk: Path, real_gel: Path, tmp_path: Path
 ) -> None:
@@ -147,6 +151,7 @@ def test_simulated_calibration_is_refused_for_a_real_sensor_of_that_serial(
         assert "tactile-SIM-D0001.yaml: was made on simulated devices" in shown.stderr
 
 
+@pytest.mark.heavy
 def test_doctor_and_calibration_work_with_one_sensor(desk: Path, tmp_path: Path) -> None:
     common = ["--bench", desk, "--json"]
     shown = rig("doctor", *common, "--seconds", 0.5, "--disk", tmp_path)
@@ -165,6 +170,7 @@ def test_doctor_and_calibration_work_with_one_sensor(desk: Path, tmp_path: Path)
     assert of_file["figures"]["age_days"] < 0.1
 
 
+@pytest.mark.heavy
 def test_camera_alone_is_calibrated_with_a_board_held_by_hand(tmp_path: Path) -> None:
     file = tmp_path / "eye.toml"
     file.write_text(EYE)
@@ -177,6 +183,7 @@ def test_camera_alone_is_calibrated_with_a_board_held_by_hand(tmp_path: Path) ->
     assert result.value["camera_matrix"]["data"][0] == pytest.approx(640.0, abs=5.0)
 
 
+@pytest.mark.heavy
 def test_fingertip_is_put_on_the_clock_of_the_camera_by_hand(
     desk: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -223,6 +230,7 @@ def test_command_without_its_devices_names_them_and_the_possible_commands(
     )
 
 
+@pytest.mark.heavy
 def test_real_sensor_beside_a_simulated_bench_is_not_marked_and_the_trial_is_refused(
     real_gel: Path, tmp_path: Path
 ) -> None:

@@ -32,7 +32,7 @@ from rig.sessions.rows import read_finished_lifts
 from rig.tactile.estimators import choose_estimator
 from support.benches import lighter, short_phases
 from support.command_line import rig
-from support.marks import long
+from support.marks import heavy
 
 
 def settings(react: str, max_turn_deg: float | None = None) -> TrialSettings:
@@ -68,6 +68,7 @@ def caught(folder: Path, summary: TrialSummary) -> Lift:
     return read_finished_lifts(folder)[0]
 
 
+@pytest.mark.heavy
 def test_tightening_catches_an_object_that_slips_otherwise(caught: Lift, one_lift: Path) -> None:
     (without,) = read_finished_lifts(one_lift)
     assert without.outcome is LiftOutcome.SLIPPED
@@ -103,6 +104,7 @@ def test_row_has_times_angles_and_counts_of_the_reaction(caught: Lift) -> None:
     assert set(caught.slip_thresholds or {}) == set(caught.contact_area_px)
 
 
+@pytest.mark.heavy
 def test_replay_of_a_reaction_is_identical_and_counts_the_caught_lifts(folder: Path, caught: Lift) -> None:
     shown = rig("replay", folder, "--jobs", 1, "--json")
     assert shown.returncode == 0, shown.stderr
@@ -110,9 +112,10 @@ def test_replay_of_a_reaction_is_identical_and_counts_the_caught_lifts(folder: P
     assert (figures["identical"], figures["react"], figures["caught"]) == (1, "tighten", 1)
 
 
+@pytest.mark.heavy
 def test_replay_with_other_estimator_has_the_commands_and_no_event(folder: Path, caught: Lift) -> None:
     replay = run_replay(stored_trial(folder, "pca"), jobs=1)
-    assert replay.identical is None
+    assert replay.agreement is None
     row = replay.rows[0]
     assert row.reactions
     assert caught.reactions
@@ -136,7 +139,8 @@ def test_tables_tell_reacting_lifts_apart(folder: Path, summary: TrialSummary) -
     assert float(line["reaction_event_s"]) <= float(line["reaction_command_s"])
 
 
-@pytest.mark.parametrize("react", ["stop", *long("lower")])
+@pytest.mark.heavy
+@pytest.mark.parametrize("react", ["stop", *heavy("lower")])
 def test_stop_and_lower_end_below_full_height_and_catch_nothing(react: str) -> None:
     row = lifted(react)
     assert row.outcome is LiftOutcome.SLIPPED
@@ -146,7 +150,7 @@ def test_stop_and_lower_end_below_full_height_and_catch_nothing(react: str) -> N
     assert [r.rest_s for r in row.reactions] == [None]
 
 
-@pytest.mark.long
+@pytest.mark.heavy
 def test_limit_on_the_turn_delays_the_reaction() -> None:
     late = lifted("tighten", 20.0)
     assert late.reactions

@@ -19,6 +19,7 @@ from rig.tactile.contact.finder import ContactFinder
 from support.command_line import rig
 
 
+@pytest.mark.heavy
 def test_frames_without_contact_are_rejected_and_counted() -> None:
     rng = np.random.default_rng(0)
     empty = np.full((320, 240, 3), 100, np.uint8)
@@ -37,7 +38,7 @@ def test_frames_without_contact_are_rejected_and_counted() -> None:
     assert all(area > 0 and grip == 2 for _, grip, area in observer.taken)
 
 
-@pytest.mark.long
+@pytest.mark.heavy
 def test_killed_recordings_are_completed_without_repeating_poses(
     light_bench_file: Path, tmp_path: Path
 ) -> None:

@@ -184,6 +184,7 @@ def test_named_feeder_places_objects_and_is_written_into_the_log(
     assert log.count("object t2 (toothbrush) was placed by the feeder 'magazine 2'") == 1
 
 
+@pytest.mark.heavy
 def test_recording_needs_a_person_after_a_fault(tmp_path: Path, light_bench: BenchConfig) -> None:
     fault = {"device": "gripper", "kind": "blocked", "at_s": 4.0}
     bench = BenchConfig.model_validate({**light_bench.model_dump(), "faults": [fault]})

@@ -19,7 +19,7 @@ from rig.sessions.rows import read_finished_lifts
 from support.slow_motion import IN_SLOW_MOTION
 from support.waiting import LIMIT_S, until
 
-pytestmark = pytest.mark.long
+pytestmark = pytest.mark.heavy
 REQUESTS_PER_S = 2000
 """More than the page answers: with 300, few lifts were disturbed when the lift itself served the page."""
 HAMMER = f"""if True:

@@ -17,7 +17,7 @@ from rig.config import BenchConfig
 from support.slow_motion import IN_SLOW_MOTION, slow_down
 from support.waiting import LIMIT_S
 
-pytestmark = pytest.mark.long
+pytestmark = pytest.mark.heavy
 
 
 def start_slow_trial(bench: Path, session: Path, object_id: str) -> "subprocess.Popen[str]":

@@ -40,7 +40,7 @@ def _installed(name: str) -> bool:
         return False
 
 
-@pytest.mark.slow
+@pytest.mark.heavy
 def test_rig_works_without_the_arm_library_and_pytest(tmp_path: Path) -> None:
     """Check that everything except the arm works, and that a real bench can be created."""
     code = (
@@ -81,7 +81,7 @@ def test_several_workers_with_hardware_are_rejected() -> None:
         pytest_configure(config)
 
 
-@pytest.mark.long
+@pytest.mark.heavy
 def test_hardware_tests_run_without_workers() -> None:
     """The suite runs as a person at a bench does it."""
     command = [sys.executable, "-m", "pytest", "tests/contract", "-k", "motions_outside and fake"]

@@ -6,8 +6,6 @@ from pathlib import Path
 
 import pytest
 
-pytestmark = pytest.mark.slow
-
 WRONG = """
 from dataclasses import replace
 
@@ -37,6 +35,7 @@ def lab(tmp_path: Path) -> Path:
     return tmp_path
 
 
+@pytest.mark.heavy
 def test_contract_violation_of_an_estimator_is_reported_and_devices_are_skipped_without_a_bench_file(
     lab: Path,
 ) -> None:
@@ -48,6 +47,7 @@ def test_contract_violation_of_an_estimator_is_reported_and_devices_are_skipped_
     assert "give --bench FILE, and --moves to let it move" in done.stdout
 
 
+@pytest.mark.heavy
 def test_checks_of_devices_that_the_bench_file_lacks_are_skipped(lab: Path) -> None:
     (lab / "desk.toml").write_text('name = "desk"\n[[tactile]]\ndriver = "digit"\nserial = "D1"\n')
     words = ("--bench", "desk.toml", "--moves", "-k", "TestArm or TestGripper", "-rs")

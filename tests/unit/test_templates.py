@@ -14,8 +14,6 @@ from rig.config.write import write_bench
 from support.benches import real_bench
 from support.command_line import rig
 
-pytestmark = pytest.mark.slow
-
 ROOT = Path(__file__).resolve().parents[2]
 LAB = "lab_own"
 LEROBOT = "lerobot_camera_lab"
@@ -46,6 +44,7 @@ def run(installed: Path, folder: Path, *words: str) -> subprocess.CompletedProce
     )  # fmt: skip
 
 
+@pytest.mark.heavy
 def test_new_packages_install_and_are_listed(installed: Path, tmp_path: Path) -> None:
     files = {path.name for path in installed.iterdir()}
     assert {f"{LAB}.py", f"{LAB}-0.1.dist-info"} <= files
@@ -53,6 +52,7 @@ def test_new_packages_install_and_are_listed(installed: Path, tmp_path: Path) ->
     assert {"name": "lab-own", "from": "lab-own 0.1", "class": "lab_own:LabOwnEstimator"} in listed
 
 
+@pytest.mark.heavy
 def test_lerobot_package_is_found_by_its_name(installed: Path) -> None:
     found = {each.metadata["Name"] for each in distributions(path=[str(installed)])}
     assert LEROBOT in found
@@ -109,6 +109,7 @@ print("done")
 """
 
 
+@pytest.mark.heavy
 def test_sensors_and_angles_reach_lerobot(installed: Path, tmp_path: Path) -> None:
     pytest.importorskip("lerobot", reason="lerobot (with torch) is not installed")
     done = subprocess.run(
@@ -118,7 +119,7 @@ def test_sensors_and_angles_reach_lerobot(installed: Path, tmp_path: Path) -> No
     assert done.stdout == "done\n", done.stderr
 
 
-@pytest.mark.long
+@pytest.mark.heavy
 def test_new_packages_pass_the_contract_checks(installed: Path, tmp_path: Path) -> None:
     bench = parse_bench(real_bench(), "file")
     values = bench.model_dump(exclude={"calibrations"}, exclude_unset=True)

@@ -56,7 +56,7 @@ SETS = {
         ),
         PublicSet(
             "digit-edges",
-            "a real DIGIT, straight edges turned by hand; 4 of 5 clips have one picture a second",
+            "a real DIGIT, straight edges turned by hand (four of five clips: one frame per second)",
             "pyonkti/digit",
             "df0f4d6aa5b7bf23dbff10152300bd2e8d5182c9",
             "CC BY-NC 4.0",

@@ -6,7 +6,7 @@ estimator were also chosen by their figures on the group `validation`.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from operator import attrgetter
 from pathlib import Path
 from typing import Any
@@ -27,8 +27,31 @@ from rig.benchmark.clips.labelled import (
     read_clips,
 )
 from rig.benchmark.clips.public import SETS, PublicSet, find_set, make_clips
-from rig.benchmark.harness import ALL, Cell, Report, Run, Study, Table, column, limit_table, machine, table_of
+from rig.benchmark.harness import (
+    ALL,
+    Cell,
+    Report,
+    Run,
+    Study,
+    Table,
+    column,
+    limit_table,
+    machine,
+    processor_and_cores,
+    table_of,
+)
 from rig.benchmark.measured import Measured, at_least, at_most
+from rig.benchmark.timing import (
+    ALONE,
+    AS_MULTIPLE,
+    LIVE,
+    PYTHON,
+    TIMES_REFERENCE,
+    Streamed,
+    interface_ms,
+    reference_ms,
+    times_reference,
+)
 from rig.declared import argument, option
 from rig.frames.estimates import FRAME_MS, Estimate, contact_ms, estimate_series, frame_ms, zeroed
 from rig.pages.figure import band, column_files, drawing, legend_above, limits, svg
@@ -50,6 +73,7 @@ SMALL_TURN_DEG = 30.0  # largest angle of a label that counts as a small rotatio
 USEFUL_SIGMA_DEG = 5.0  # largest sigma of a useful angle
 TURNED_DEG, MISSED_SHARE = 10.0, 0.5
 """A rest is false if a label is at least 10 degrees and more than half of its angle was missed."""
+TIMES_ALONE = "times the estimator alone: median, 99 %"
 CHART_PX = (440, 260)
 STILL_WIDTH_PX = 160
 _ROOM, _LEAST_ROOM_DEG = 0.06, 1.0
@@ -199,7 +223,8 @@ class ClipScore:
         "false rest",
         doc="share of the labels from 10 degrees on of which more than half was missed, with a useful sigma",
     )
-    frame_ms: tuple[float, float, float] | None = column(FRAME_MS, ".1f")
+    frame_ms: tuple[float, float, float] | None = column(FRAME_MS, ".1f", f"through {PYTHON}")
+    times_reference: float | None = column(TIMES_REFERENCE, ".2f", AS_MULTIPLE)
     empty_as_contact: float | None = column("empty reported as contact", ".1%", optional=True)
     held_as_contact: float | None = column("held reported as contact", ".1%", optional=True)
 
@@ -213,11 +238,13 @@ def score(
     contact_ms: Sequence[float],
     has_sigma: bool,
     contacts: Sequence[tuple[bool, bool]] = (),
+    reference_ms: Sequence[float] = (),
 ) -> ClipScore:
     """Summarize labels, at least one, and the run times of the frames with contact, ms.
 
     has_sigma: whether the estimator reports a sigma; without it, figures that need one are None. contacts:
     for each frame of a contact span, whether it is in contact and whether it was reported as contact.
+    reference_ms: run times of the reference.
     """
     errors = np.array([label.error_deg for label in labels])
     small = np.array([abs(label.label.angle_deg) <= SMALL_TURN_DEG for label in labels])
@@ -240,6 +267,7 @@ def score(
         false_rest=share_of(label.false_rest for label in turned) if has_sigma else None,
         median_sigma_deg=float(np.median(sigmas)) if sigmas else None,
         frame_ms=frame_ms(contact_ms),
+        times_reference=times_reference(contact_ms, reference_ms),
         empty_as_contact=sum(empty) / len(empty) if empty else None,
         held_as_contact=sum(held) / len(held) if held else None,
     )
@@ -253,10 +281,11 @@ class ClipRun:
     contact_ms: tuple[float, ...]  # run time of each frame with contact
     has_sigma: bool
     contacts: tuple[tuple[bool, bool], ...] = ()  # of each labelled frame: in contact, reported as contact
+    reference_ms: tuple[float, ...] = ()  # run time of the reference for each frame
 
     @property
     def score(self) -> ClipScore:
-        return score(self.labels, self.contact_ms, self.has_sigma, self.contacts)
+        return score(self.labels, self.contact_ms, self.has_sigma, self.contacts, self.reference_ms)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -276,7 +305,8 @@ class EstimatorRuns:
 
 
 def run_clip(clip: LabelledClip, choice: EstimatorChoice) -> ClipRun:
-    raw = estimate_series(clip.series, choice.make(clip.background))
+    """Estimate the frames of a clip through the interface of `rig.estimator`."""
+    raw = estimate_series(clip.series, Streamed(choice.make(clip.background), clip.background))
     estimate = zeroed(raw, raw.times[clip.reference_frame])
     samples, judged = estimate.samples, []
     for label in clip.labels:
@@ -302,6 +332,7 @@ def summed(name: str, runs: Sequence[ClipRun]) -> EstimatorRuns:
             [ms for run in of for ms in run.contact_ms],
             any(run.has_sigma for run in of),
             [contact for run in of for contact in run.contacts],
+            [ms for run in of for ms in run.reference_ms],
         )
     return EstimatorRuns(name, tuple(runs), groups)
 
@@ -323,7 +354,10 @@ def measure(options: ClipsOptions, run: Run) -> Report:
     reported as contact.
 
     A share of labels has its 95 % interval in brackets (Wilson, as if the labels were independent; those of
-    one clip are not). Below five labels the numbers are printed instead. Times are over frames with contact.
+    one clip are not). Below five labels the numbers are printed instead. Times are over frames with contact,
+    through `rig.estimator` with its checks. They are also printed as multiples of the time of OpenCV's
+    findTransformECC on the same frames, because processors differ. A further table compares the times of the
+    first estimator alone, through `rig.estimator`, and in `rig live`.
 
     With --set, the argument is a clone of a public repository: octopi (github.com/clear-nus/octopi),
     digit-edges (github.com/pyonkti/digit) or gripper-slips
@@ -354,10 +388,15 @@ def measure(options: ClipsOptions, run: Run) -> Report:
     names = sorted({clip.group for clip in clips})
     if options.group is not None and options.group not in names:
         raise InputError(unknown_name("group", options.group, names))
+
+    def runs_of(clip: LabelledClip) -> tuple[list[ClipRun], dict[str, list[float]]]:
+        reference = tuple(reference_ms(clip.series))
+        found = [replace(run_clip(clip, choice), reference_ms=reference) for choice in choices]
+        plain = clip.version is ClipVersion.PLAIN
+        return found, interface_ms(choices[0], clip.background, clip.series) if plain else {}
+
     # One worker, because the time per frame is measured.
-    runs = run.each(
-        lambda clip: [run_clip(clip, choice) for choice in choices], clips, attrgetter("name"), workers=1
-    )
+    runs, interfaces = zip(*run.each(runs_of, clips, attrgetter("name"), workers=1), strict=True)
     estimators = [
         summed(choice.name, of) for choice, of in zip(choices, zip(*runs, strict=True), strict=True)
     ]
@@ -371,24 +410,24 @@ def measure(options: ClipsOptions, run: Run) -> Report:
     by_clip = table_of(f"'{first.name}' by clip, worst first", rows, left=2)
     limits_of = f"'{first.name}', {options.group or 'all clips'}"
     by_version = [overall_table(estimators, versions)] if len(versions) > 1 else []
-    shown = [*([limit_table(limits, limits_of)] if limits else []), *by_version, overall, by_clip]
-    machine_of, labels = machine(), counted(first.groups[ALL].labels, "label")
-    head = (
-        f"{counted(len(first.runs), 'clip')}, {labels}, {machine_of['processor']}, "
-        f"{machine_of['cores']} cores, one thread. Errors in degrees."
-    )
-    table = by_version[0] if by_version else overall
+    by_interface = interface_table(first, interfaces)
+    shown = [*([limit_table(limits, limits_of)] if limits else []), *by_version, overall, *by_interface]
+    labels = counted(first.groups[ALL].labels, "label")
+    clips = counted(len(first.runs), "clip")
+    head = f"{clips}, {labels}, {processor_and_cores()}, one thread. Errors in degrees."
+    tables = [by_version[0] if by_version else overall, *by_interface]
     figure, file = time_and_error(estimators)
     name = options.public_set or options.folder.name
-    section = "\n".join([head, "", table.markdown(), "", verdict(limits)]).rstrip()
+    parts = [head, *(table.markdown() for table in tables), verdict(limits)]
+    section = "\n\n".join(part for part in parts if part)
     return Report(
-        tables=(by_clip, overall, *by_version),
+        tables=(by_clip, overall, *by_version, *by_interface),
         limits=limits,
         limits_of=limits_of,
         section=section,
         figures={"estimators": {of.name: _estimator_json(of) for of in estimators}},
         files={
-            "index.html": page(name, estimators, verdict(limits), shown, figure),
+            "index.html": page(name, estimators, verdict(limits), [*shown, by_clip], figure),
             "table.md": section + "\n",
             "time_and_error.svg": file,
         },
@@ -436,7 +475,34 @@ def overall_table(estimators: Sequence[EstimatorRuns], versions: Sequence[ClipVe
                 ]
                 rows.append(row if versions else [*row[:2], row[3]])
     by = " by version of the clips" if versions else ""
-    return table_of(f"Hand-measured angles{by}, errors in degrees", rows, left=3 if versions else 2)
+    return table_of(
+        f"Hand-measured angles{by}, errors in degrees; {processor_and_cores()}, one thread",
+        rows,
+        left=3 if versions else 2,
+    )
+
+
+def interface_table(first: EstimatorRuns, of_clips: Sequence[Mapping[str, Sequence[float]]]) -> list[Table]:
+    """Return a table of the times of the first estimator by interface; none without frames with contact.
+
+    of_clips: of `interface_ms`.
+    """
+    spent = {name: [ms for of in of_clips for ms in of.get(name, ())] for name in (ALONE, PYTHON, LIVE)}
+    times = {name: ms for name, of in spent.items() if (ms := frame_ms(of)) is not None}
+    reference = [ms for run in first.runs for ms in run.reference_ms]
+    rows = [
+        [
+            Cell("interface", name, f"{first.name}, through"),
+            Cell("ms", ms, FRAME_MS, ".2f"),
+            Cell("times_alone", (ms[0] / times[ALONE][0], ms[2] / times[ALONE][2]), TIMES_ALONE, ".2f"),
+            Cell("times_reference", times_reference(spent[name], reference), TIMES_REFERENCE, ".2f"),
+        ]
+        for name, ms in times.items()
+        if ALONE in times
+    ]
+    return (
+        [table_of(f"Time per frame with contact; {processor_and_cores()}, one thread", rows)] if rows else []
+    )
 
 
 def readme_row(of: PublicSet, runs: EstimatorRuns) -> str:

@@ -17,6 +17,7 @@ from drivers.clock import NS_PER_S
 from drivers.types import Image
 from protocols.observer import Phase
 from rig.benchmark.harness import column
+from rig.benchmark.timing import REFERENCE, Reference, Streamed
 from rig.frames.estimates import estimate_frames, estimate_together
 from rig.frames.of_session import SessionSeries, recording_frames
 from rig.lift.object_angle import object_angle
@@ -226,12 +227,15 @@ def time_lifts(
 ) -> TimingReport:
     """Measure the run time of every estimator on one fingertip's frames of some lifts, in one thread.
 
+    It is the time through `rig.estimator`, with its checks. The reference of `rig.benchmark.timing` is among
+    the estimators.
+
     The estimators get several frames in a row, in turn, in an order that is rotated from turn to turn. In use
     only one estimator runs, and caches that other estimators have filled would increase its time.
     """
     before = cv2.getNumThreads()
     cv2.setNumThreads(1)
-    samples: dict[str, list[SlipSample]] = {name: [] for name in names}
+    samples: dict[str, list[SlipSample]] = {name: [] for name in (*names, REFERENCE)}
     published: list[float] = []
     size_px = (0, 0)
     try:
@@ -255,7 +259,12 @@ def spread(durations_s: Sequence[float]) -> Spread:
 
 def _time_tip(tip: SessionSeries, samples: Mapping[str, list[SlipSample]], published: list[float]) -> None:
     names = list(samples)
-    estimators = {name: choose_estimator(name).make(tip.background, tip.aspect, tip.sign) for name in names}
+    estimators: dict[str, TactileEstimator] = {
+        name: Streamed(choose_estimator(name).make(tip.background, tip.aspect, tip.sign), tip.background)
+        for name in names
+        if name != REFERENCE
+    }
+    estimators[REFERENCE] = Reference()
     finder, frames = ContactFinder(tip.background), islice(tip.frames, FRAMES_PER_LIFT)
     for number in count():
         turn = list(islice(frames, TURN_FRAMES))

@@ -24,7 +24,7 @@ from rig.benchmark.clips.labelled import ClipVersion, clip_version, read_clips
 from rig.benchmark.clips.public import PACKAGED
 from rig.benchmark.clips.study import JudgedLabel, run_clip, score
 from rig.benchmark.estimators.contenders import score_all
-from rig.benchmark.harness import Report, Run, Study, limit_table, machine
+from rig.benchmark.harness import Report, Run, Study, limit_table, processor_and_cores
 from rig.benchmark.measured import Measured, at_least, at_most, between, informative
 from rig.benchmark.renderer import LIFTS_PER_SEED, answer_lift
 from rig.benchmark.seeds import LiftCase, SeedLift, lift_cases, recorded_lift, scored_lift
@@ -158,8 +158,9 @@ def measure(options: SlipOptions, run: Run) -> Report:
     Give the clips that `rig benchmark clips CLONE --set NAME` makes: of octopi with --clips, of digit-edges
     and gripper-slips with --turns. Figures whose data are not given are skipped.
 
-    Times are CPU times of the frames with contact, on one core, before the other figures are measured. With
-    --against, another version of this program gets the same frames in turn with this one, in another process.
+    Times are CPU times of the frames with contact, through `rig.estimator` with its checks, on one core,
+    before the other figures are measured. With --against, another version of this program gets the same
+    frames in turn with this one, in another process.
     For the figure of two streams, clips are shown in real time at 60 frames per second each, faster than they
     were recorded, on one core and with real-time priority. A frame is dropped if it still waits when the next
     one of its stream arrives.
@@ -186,7 +187,7 @@ def measure(options: SlipOptions, run: Run) -> Report:
     rows += [*_drawn(options.drawn, choice, run), *_sample("fake", easy), *_sample("hard", hard)]
     rows += size_rows(OWN / "rig" / "tactile" / "slip", OWN / "rig" / "models" / "slip.json")
     table = limit_table(rows, f"'{names[0]}'").markdown()
-    section = f"{machine()['processor']}, {machine()['cores']} cores.\n\n{table}"
+    section = f"{processor_and_cores()}.\n\n{table}"
     return Report((), rows, f"'{names[0]}'", section=section, binding=options.limits)
 
 

@@ -6,6 +6,7 @@ for the frames after the object was lifted off. Both are computed for single fra
 for recorded and for live frames.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import cv2
@@ -13,7 +14,7 @@ import numpy as np
 
 from drivers.clock import NS_PER_S
 from drivers.types import Image
-from rig.tactile.contact.misfit import Misfit
+from rig.tactile.contact.misfit import Misfit, lines_of
 from rig.tactile.contact.untouched import Comparison
 from rig.tactile.sample import check_frame
 
@@ -23,10 +24,10 @@ LESS_COMPRESSION = "store or send them with JPEG quality 80 or more"
 """Remedy for strong compression."""
 LOOKS_LIKE_CONTACT = "this background looks like a contact"
 """Text of the doubt; the caller adds the remedy."""
-CHECK_EVERY_NS = NS_PER_S // 10
-"""Interval of the checked frames of a live sensor."""
-FIT_EVERY_NS = NS_PER_S // 100
-"""Interval of the frames searched for a shift, times the number of those before: a search takes 1.6 ms."""
+FIRST_NS, SOON_NS, IDLE_NS, LATER_NS = NS_PER_S // 4, NS_PER_S // 10, NS_PER_S // 2, 4 * NS_PER_S
+"""Intervals of the checked frames of a live sensor. Each frame doubles the interval, beginning with the
+first: up to `IDLE_NS` if the frame does not differ from the background and so proves nothing, else up to
+`LATER_NS`. After a suspicious frame it is `SOON_NS`."""
 BORDER_PX = 5
 """Border of the reduced copy that is not checked for clear edges: the rim of the gel is dark."""
 CLEAR_EDGES = 0.09
@@ -35,6 +36,9 @@ Without contact it is at most 0.065: 80 simulated units, rotation_clips, real_tu
 STRONGER = 0.06
 """Smallest log ratio of the edges of background and frame that is evidence of a contact in the background.
 With their own background, frames of rotation_clips, real_turns, the balls and the fakes have at most 0.05."""
+PER_NS, MOST_NS = NS_PER_S // 25, NS_PER_S // 4
+"""The ratio of a frame counts once per `PER_NS` since the frame before, up to `MOST_NS`, so that the evidence
+does not depend on the number of checked frames."""
 MOST_PER_FRAME, ENOUGH = 0.2, 0.5
 """Largest evidence of one frame, and sum from which on the background is doubtful: at least three frames."""
 CLEARLY_WEAKER = -0.3
@@ -43,22 +47,24 @@ with `CLEAR_EDGES` are dirt or the rim of the gel."""
 
 
 class BackgroundCheck:
-    """Collects evidence from frames that a background shows a contact.
+    """Collects evidence from frames that a background shows a contact, or that they do not fit it.
 
-    background: (H, W, 3) uint8 RGB. every_ns: interval of the checked frames; 0 for all.
+    background: (H, W, 3) uint8 RGB.
     """
 
-    def __init__(self, background: Image, every_ns: int = 0) -> None:
+    def __init__(self, background: Image) -> None:
         check_frame(background)
-        self._every_ns, self._shape = every_ns, background.shape
+        self._shape = background.shape
         self._comparison = Comparison(background)
         self._slopes = self._comparison.slopes(background)
         inner = self._slopes[BORDER_PX:-BORDER_PX, BORDER_PX:-BORDER_PX]
         self._edged = bool(inner.size) and float(np.percentile(inner, 99.0)) > CLEAR_EDGES
         self._evidence = 0.0
-        self._checked_ns: int | None = None
-        self._fit, self._compared, self._fit_ns = Misfit(background, self._comparison), 0, 0
-        self._fit_due = False
+        self._fit = Misfit(background, self._comparison)
+        self._compared_ns: int | None = None
+        self._steps: Iterator[None] | None = None
+        self._newest_ns: int | None = None
+        self._begun_ns, self._interval_ns = 0, FIRST_NS
 
     @property
     def doubt(self) -> str:
@@ -75,26 +81,53 @@ class BackgroundCheck:
         return f"{self.doubt}: {LESS_COMPRESSION if self._fit.compressed else remedy}" if self.doubt else ""
 
     def add(self, image: Image, time_ns: int) -> None:
-        """Compare a frame with the background, unless the last checked frame is too close in time.
+        """Process the next frame of a live sensor: check it if a check is due.
 
-        Raises `InputError` for a frame of another shape or type.
+        The check is divided into five steps of less than 1 ms, one in each call, or two if the frames are far
+        apart. image: (H, W, 3) uint8 RGB; do not modify it later. Raises `InputError` for a frame of another
+        shape or type.
         """
         check_frame(image, self._shape)
-        if self._fit_due:  # in the frame after the edges, so that a live stream waits for one of both
-            self._fit_due = False
-            self._fit.add(image)
-        if self._checked_ns is not None and 0 <= time_ns - self._checked_ns < self._every_ns:
-            return
-        self._checked_ns = time_ns
-        self._fit.add_blocks(image)
-        ratio = self._comparison.edge_ratio(image, self._slopes)
-        if ratio is None:
-            return
-        if self._compared == 0 or time_ns - self._fit_ns >= FIT_EVERY_NS * self._compared:
-            self._compared, self._fit_ns, self._fit_due = self._compared + 1, time_ns, True
+        last_ns, self._newest_ns = self._newest_ns, time_ns
+        due = last_ns is None or not 0 <= time_ns - self._begun_ns < self._interval_ns
+        if self._steps is None and due:
+            self._steps, self._begun_ns = self._check(image, time_ns), time_ns
+        for _ in range(1 if last_ns is None or time_ns - last_ns < SOON_NS else 2):
+            if self._steps is not None and next(self._steps, self) is self:
+                self._steps = None
+
+    def check(self, image: Image, time_ns: int) -> None:
+        """Check a frame of a recording completely. Raises `InputError` as `add` does."""
+        check_frame(image, self._shape)
+        for _ in self._check(image, time_ns):
+            pass
+
+    def _check(self, image: Image, time_ns: int) -> Iterator[None]:
+        """Check a frame, step by step, and set the time to the next one."""
+        work = self._comparison.reduced(image)
+        yield
+        light = self._comparison.light(work)
+        region = self._comparison.region(work, light)
+        yield
+        lines = lines_of(image)
+        unfit, edged = self._fit.add_blocks(lines), False
+        if region is not None:
+            edged = self._weigh(self._comparison.edge_ratio_in(region, work, self._slopes), time_ns)
+            yield
+            unfit |= yield from self._fit.add(lines, work, light)
+        suspicious = edged or (unfit and not self.misfit)
+        longest_ns = IDLE_NS if region is None else LATER_NS
+        self._interval_ns = SOON_NS if suspicious else min(2 * self._interval_ns, longest_ns)
+
+    def _weigh(self, ratio: float, time_ns: int) -> bool:
+        """Add the evidence of a frame's edges; return whether more frames are needed."""
+        last_ns, self._compared_ns = self._compared_ns, time_ns
+        times = 1.0 if last_ns is None else min(max(time_ns - last_ns, 0), MOST_NS) / PER_NS
         self._edged = self._edged and ratio > CLEARLY_WEAKER
         if self._evidence < ENOUGH:
-            self._evidence = max(0.0, self._evidence + min(ratio - STRONGER, MOST_PER_FRAME))
+            more = min(times * (ratio - STRONGER), MOST_PER_FRAME)
+            self._evidence = max(0.0, self._evidence + more)
+        return ratio > STRONGER and self._evidence < ENOUGH
 
 
 @dataclass(frozen=True, slots=True)

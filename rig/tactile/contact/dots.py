@@ -6,7 +6,6 @@ dark in some channels and bright in others. Dots are not a contact, and they mov
 are detected in every frame, and an estimator for such a gel runs on the filled frames.
 """
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import cv2
@@ -130,11 +129,6 @@ def without_dots(image: Image) -> Image:
     margin = max(LEAST_MARGIN_PX, round(MARGIN_SHARE * width_px))
     hidden = np.asarray(cv2.dilate(small[labels].astype(np.uint8), _disc(margin)), np.uint8)
     return _filled(image, hidden, width_px + 2 * margin)
-
-
-def plain_of(background: Image) -> Callable[[Image], Image]:
-    """Return the function that fills the dots of this gel's frames; for a gel without dots, the identity."""
-    return without_dots if is_dotted(background) else lambda image: image
 
 
 def _filled(image: Image, hidden: Image, width_px: float) -> Image:

@@ -8,17 +8,21 @@ gel; a dead line because all its pixels are alike; blocks because neighbours dif
 
 import math
 from collections import deque
+from collections.abc import Generator, Sequence
+from itertools import product
 
 import cv2
 import numpy as np
-from cv2.typing import MatLike
 from numpy.typing import NDArray
 
 from drivers.types import Image
+from rig.tactile.contact.relative import Light
 from rig.tactile.contact.untouched import Comparison
 
 REACH = 6
 """Largest shift that is searched, in pixels of the reduced copy: 24 px of a DIGIT's frame."""
+NEAR = tuple(product((-1, 0, 1), repeat=2))
+"""Shifts to a place and its neighbours, down and right, px."""
 PER_LOG, DARK = 2000.0, 15.0
 """Scale of the logarithms, which are compared as integers; grey levels added before, against dark noise."""
 MOST_OFF = 0.06
@@ -35,6 +39,8 @@ CHECKED, FEWEST = 20, 3
 """Number of newest frames whose mean counts, and fewest frames."""
 FLAT, LIVELY = 3, 12
 """A line is dead if its values span at most FLAT grey levels, and at least LIVELY in the background."""
+LINE_PX = 83
+"""Number of pixels that are read per row and column; a prime, so that they are at all places in a block."""
 
 BLOCK_PX = 8
 """Side of a block of JPEG and of most video compression (ISO/IEC 10918-1)."""
@@ -45,16 +51,29 @@ at most 1.22 as published, 1.47 after JPEG quality 50, and at least 1.54 after q
 of 3 of 19 clips confidently wrong. Two clips with dots, which blocks do not hide, have at most 2.4."""
 
 
+Lines = tuple[Image, Image]
+"""The rows and the columns of an image, (lines, px, 3) each, with at most `LINE_PX` pixels of each line."""
+
+
+def lines_of(image: Image) -> Lines:
+    """Return the rows and the columns of an image (H, W, 3) uint8."""
+    height, width = image.shape[:2]
+    sizes = (min(LINE_PX, width), height), (width, min(LINE_PX, height))
+    rows, columns = (cv2.resize(image, size, interpolation=cv2.INTER_NEAREST) for size in sizes)
+    return np.asarray(rows, np.uint8), np.asarray(cv2.transpose(columns), np.uint8)
+
+
 class Misfit:
     """Collects evidence from frames with a contact that more than the contact differs from the background.
 
-    background: (H, W, 3) uint8 RGB.
+    background: (H, W, 3) uint8 RGB. comparison: of this background.
     """
 
     def __init__(self, background: Image, comparison: Comparison) -> None:
-        self._comparison = comparison
-        self._lively = [_span(background, axis) >= LIVELY for axis in (1, 0)]
-        self._reduced = self._logarithm(background)
+        self._lively = [_span(lines) >= LIVELY for lines in lines_of(background)]
+        work = comparison.reduced(background)
+        self._reduced = _logarithm(work, comparison.light(work))
+        self._smaller = _smaller(self._reduced)
         self._px = background.shape[1] / self._reduced.shape[1], background.shape[0] / self._reduced.shape[0]
         self._shifts = deque[tuple[float, float, float]](maxlen=CHECKED)
         self._shifted_px: float | None = None
@@ -74,26 +93,33 @@ class Misfit:
             what.append(f"shifted by about {self._shifted_px:.0f} px")
         return f"the frames do not fit the background: {', '.join(what)}" if what else ""
 
-    def add(self, image: Image) -> None:
-        """Compare a frame with the background. image: (H, W, 3) uint8 RGB of its size."""
+    def add(self, lines: Lines, work: Image, light: Light) -> Generator[None, None, bool]:
+        """Compare a frame with the background in two steps; return whether this frame does not fit.
+
+        lines: from `lines_of`. work, light: the frame's reduced copy and light, see `Comparison`.
+        """
         rows, columns = (
-            int(np.count_nonzero(lively & (_span(image, axis) <= FLAT)))
-            for axis, lively in zip((1, 0), self._lively, strict=True)
+            int(np.count_nonzero(lively & (_span(of) <= FLAT)))
+            for of, lively in zip(lines, self._lively, strict=True)
         )
         self._dead.append((rows, columns))
-        self._shifts.append(self._shift_of(image))
+        self._shifts.append((yield from self._shift_of(_logarithm(work, light))))
         x, y, explained = np.array(self._shifts).T
         # Not taken back later, because a contact that covers the gel hides most of what a shift explains.
         if len(explained) >= FEWEST and explained.mean() >= EXPLAINED:
             size_px = float(np.hypot(*np.average([x, y], axis=1, weights=explained)))
             if size_px >= LEAST_PX:
                 self._shifted_px = size_px
+        return bool(rows or columns or explained[-1] >= EXPLAINED)
 
-    def add_blocks(self, image: Image) -> None:
-        """Measure the blocks of a frame with or without contact. image: (H, W, 3) uint8 RGB."""
-        self._blocks.append(_blocks(image))
-        ratio, excess = np.median(self._blocks, axis=0)
-        self.compressed = bool(len(self._blocks) >= FEWEST and ratio >= BLOCKY and excess >= BLOCK_STEP)
+    def add_blocks(self, lines: Lines) -> bool:
+        """Measure the blocks of a frame with or without contact; return whether they may hide a contact.
+
+        lines: from `lines_of`.
+        """
+        self._blocks.append(_blocks(lines))
+        self.compressed = len(self._blocks) >= FEWEST and _hides(*np.median(self._blocks, axis=0))
+        return _hides(*self._blocks[-1])
 
     def _dead_lines(self) -> tuple[int, int]:
         """Return the number of rows and of columns that were dead in all of the newest frames."""
@@ -101,38 +127,82 @@ class Misfit:
             return 0, 0
         return min(rows for rows, _ in self._dead), min(columns for _, columns in self._dead)
 
-    def _shift_of(self, image: Image) -> tuple[float, float, float]:
-        """Return the best shift, px, and the log ratio of the differences without and with it."""
-        frame = self._logarithm(image)
+    def _shift_of(self, frame: NDArray[np.uint16]) -> Generator[None, None, tuple[float, float, float]]:
+        """Return the best shift, px, and the log ratio of the differences without and with it.
+
+        frame: logarithm of its reduced copy. The shift is searched at a quarter and half of the size, and in
+        the second step near the best place.
+        """
         height, width = (side - 2 * REACH for side in frame.shape[:2])
-        if min(height, width) < REACH:
+        if min(height, width) < 2 * REACH:
             return 0.0, 0.0, 0.0
-        core = frame[REACH:-REACH, REACH:-REACH]
-        most = np.full(core.shape, MOST_OFF * PER_LOG, np.uint16)
-
-        def off(background: MatLike, to: NDArray[np.uint16]) -> MatLike:
-            cv2.absdiff(core, background, dst=to)
-            return cv2.min(to, most, dst=to)
-
-        moved, fixed = np.empty_like(core), np.empty_like(core)
-        costs = np.empty((2 * REACH + 1, 2 * REACH + 1))
-        for y, x in np.ndindex(costs.shape):
-            costs[y, x] = cv2.norm(off(self._reduced[y : y + height, x : x + width], moved), cv2.NORM_L1)
-        y, x = (int(place) for place in np.unravel_index(int(costs.argmin()), costs.shape))
-        right, down = _valley(costs[y], x), _valley(costs[:, x], y)
-        way = np.array([[1.0, 0.0, REACH + right], [0.0, 1.0, REACH + down]])
+        down = right = 0
+        for reach, small, background in zip((2, 4), _smaller(frame), self._smaller, strict=True):
+            near = [(2 * down + y, 2 * right + x) for y, x in NEAR]
+            down, right = near[int(np.argmin(_differences(small, background, reach, near)))]
+        yield
+        costs = np.full((2 * REACH + 1, 2 * REACH + 1), np.inf)
+        y = x = 0
+        for far in (1, 2):  # the second only if the best place is at the edge of the first
+            rows, columns = (
+                range(max(2 * at - far, -REACH), min(2 * at + far, REACH) + 1) for at in (down, right)
+            )
+            near = list(product(rows, columns))
+            places = tuple(REACH + np.transpose(near))
+            costs[places] = _differences(frame, self._reduced, REACH, near)
+            y, x = (int(place) for place in np.unravel_index(int(costs.argmin()), costs.shape))
+            if max(abs(y - REACH - 2 * down), abs(x - REACH - 2 * right)) < far:
+                break
+        to_right, to_bottom = _valley(costs[y], x), _valley(costs[:, x], y)
+        way = np.array([[1.0, 0.0, REACH + to_right], [0.0, 1.0, REACH + to_bottom]])
         flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
-        off(cv2.warpAffine(self._reduced, way, (width, height), flags=flags), moved)
-        off(self._reduced[REACH:-REACH, REACH:-REACH], fixed)
-        contact = np.all((fixed == most) & (moved == most), axis=2)
-        seen = np.repeat((~contact).astype(np.uint8)[..., None], 3, axis=2)
+        shifted = cv2.warpAffine(self._reduced, way, (width, height), flags=flags)
+        core, most = _core(frame, REACH)
+        fixed = cv2.min(cv2.absdiff(core, self._reduced[REACH:-REACH, REACH:-REACH]), most)
+        moved = cv2.min(cv2.absdiff(core, shifted), most)
+        red, green, blue = cv2.split(cv2.min(fixed, moved))
+        seen = np.less(cv2.min(cv2.min(red, green), blue), MOST_OFF * PER_LOG).astype(np.uint8)
         before, after = (1.0 + cv2.norm(one, cv2.NORM_L1, seen) for one in (fixed, moved))
-        return right * self._px[0], down * self._px[1], math.log(before / after)
+        return to_right * self._px[0], to_bottom * self._px[1], math.log(before / after)
 
-    def _logarithm(self, image: Image) -> NDArray[np.uint16]:
-        """Return the logarithm of a frame's reduced copy in the light of the background, (h, w, 3)."""
-        soft = cv2.GaussianBlur(self._comparison.lit(image), (0, 0), SOFT_PX)
-        return np.rint(PER_LOG * np.log(np.clip(soft, 0.0, None) + DARK)).astype(np.uint16)
+
+def _logarithm(work: Image, light: Light) -> NDArray[np.uint16]:
+    """Return the logarithm of a frame's reduced copy in the light of the background, (h, w, 3)."""
+    gain, offset = light
+    lit = np.maximum((np.arange(256.0)[:, None] - offset) / gain, 0.0)
+    levels = np.rint(PER_LOG * np.log(lit + DARK)).astype(np.uint16)
+    return np.asarray(cv2.GaussianBlur(cv2.LUT(work, levels[None]), (0, 0), SOFT_PX), np.uint16)
+
+
+def _smaller(logarithm: NDArray[np.uint16]) -> tuple[NDArray[np.uint16], NDArray[np.uint16]]:
+    """Return copies of a quarter and of half the size."""
+    height, width = logarithm.shape[:2]
+    half = cv2.resize(logarithm, (width // 2, height // 2), interpolation=cv2.INTER_AREA)
+    quarter = cv2.resize(half, (width // 4, height // 4), interpolation=cv2.INTER_AREA)
+    return np.asarray(quarter, np.uint16), np.asarray(half, np.uint16)
+
+
+def _core(frame: NDArray[np.uint16], reach: int) -> tuple[NDArray[np.uint16], NDArray[np.uint16]]:
+    """Return the part of a frame that any shift leaves inside, and the largest difference that counts."""
+    core = frame[reach:-reach, reach:-reach]
+    return core, np.full(core.shape, MOST_OFF * PER_LOG, np.uint16)
+
+
+def _differences(
+    frame: NDArray[np.uint16],
+    background: NDArray[np.uint16],
+    reach: int,
+    shifts: Sequence[tuple[int, ...]],
+) -> list[float]:
+    """Return the sum of the differences at each shift of the background, down and right, up to `reach` px."""
+    core, most = _core(frame, reach)
+    (height, width), off = core.shape[:2], np.empty_like(core)
+    found = []
+    for y, x in shifts:
+        top, left = reach + y, reach + x
+        cv2.absdiff(core, background[top : top + height, left : left + width], dst=off)
+        found.append(cv2.norm(cv2.min(off, most, dst=off), cv2.NORM_L1))
+    return found
 
 
 def _valley(costs: NDArray[np.float64], place: int) -> float:
@@ -141,29 +211,33 @@ def _valley(costs: NDArray[np.float64], place: int) -> float:
         return float(place - REACH)
     before, here, after = costs[place - 1 : place + 2]
     bend = before + after - 2.0 * here
-    return place - REACH + (0.5 * (before - after) / bend if bend > 0.0 else 0.0)
+    return place - REACH + (0.5 * (before - after) / bend if 0.0 < bend < np.inf else 0.0)
 
 
-def _blocks(image: Image) -> tuple[float, float]:
+def _blocks(lines: Lines) -> tuple[float, float]:
     """Return the difference of neighbours at the borders of blocks over the one inside, and minus it.
 
     Both are 0 for a frame that is not larger than a block.
     """
-    if min(image.shape[:2]) <= BLOCK_PX:
+    if min(map(len, lines)) <= BLOCK_PX:
         return 0.0, 0.0
-    green = cv2.extractChannel(image, 1)
     at_borders, inside = [], []
-    for axis in (0, 1):
-        later, earlier = (green[1:], green[:-1]) if axis == 0 else (green[:, 1:], green[:, :-1])
-        steps = cv2.reduce(cv2.absdiff(later, earlier), 1 - axis, cv2.REDUCE_AVG, dtype=cv2.CV_64F).ravel()
-        border = np.arange(1, len(steps) + 1) % BLOCK_PX == 0
-        at_borders.append(steps[border].mean())
-        inside.append(steps[~border].mean())
+    for of in lines:
+        green = cv2.extractChannel(of, 1)
+        steps = cv2.reduce(cv2.absdiff(green[1:], green[:-1]), 1, cv2.REDUCE_AVG, dtype=cv2.CV_32F).ravel()
+        at_border = steps[BLOCK_PX - 1 :: BLOCK_PX]
+        at_borders.append(at_border.mean())
+        inside.append((steps.sum() - at_border.sum()) / (len(steps) - len(at_border)))
     border, within = float(np.mean(at_borders)), float(np.mean(inside))
     return border / max(within, 0.1), border - within
 
 
-def _span(image: Image, axis: int) -> NDArray[np.uint8]:
-    """Return the largest range of the three colours in each line along an axis, grey levels."""
-    most, least = (cv2.reduce(image, axis, how) for how in (cv2.REDUCE_MAX, cv2.REDUCE_MIN))
+def _hides(ratio: float, excess: float) -> bool:
+    """Return whether blocks with these values of `_blocks` may hide a contact."""
+    return bool(ratio >= BLOCKY and excess >= BLOCK_STEP)
+
+
+def _span(lines: Image) -> NDArray[np.uint8]:
+    """Return the largest range of the three colours in each line (lines, px, 3), grey levels."""
+    most, least = (cv2.reduce(lines, 1, how) for how in (cv2.REDUCE_MAX, cv2.REDUCE_MIN))
     return np.asarray(cv2.subtract(most, least).reshape(-1, 3).max(axis=1), np.uint8)

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from drivers.types import Image
 from rig.tactile.contact.background import mean_background
-from rig.tactile.contact.dots import plain_of
+from rig.tactile.contact.dots import is_dotted, without_dots
 from rig.tactile.contact.gate import Region, find_contact
-from rig.tactile.contact.relative import RelativeDifference, work_size
+from rig.tactile.contact.relative import Light, RelativeDifference, work_size
 
 LEAST_FRAMES = 3
 """Smallest number of alike frames: a moving contact can have two."""
@@ -34,6 +34,8 @@ SLOPE_PX = 1.0
 """Standard deviation of the blur before image gradients are computed, in pixels of the reduced copy."""
 DARK = 10.0
 """Grey levels added before the logarithm, so that noise in dark pixels does not dominate."""
+LOGARITHM = np.log(np.arange(256) + DARK).astype(np.float32)
+"""Logarithm of each grey level."""
 FLAT = 1e-6
 """Added to gradients, so that the logarithm exists for a frame of one colour."""
 DECISIVE = 0.03
@@ -43,25 +45,41 @@ begin in contact have -0.02 to 0.06."""
 
 
 class Comparison:
-    """Compares frames with one background. background: (H, W, 3) uint8 RGB."""
+    """Compares frames with one background. background: (H, W, 3) uint8 RGB.
+
+    A method that takes a frame also takes its reduced copy, see `reduced`.
+    """
 
     def __init__(self, background: Image) -> None:
-        self._plain = plain_of(background)
-        self._light = RelativeDifference(self._plain(background), work_size(background.shape, 1.0))
+        width, height = self._size = work_size(background.shape, 1.0)
+        # The dots are filled in a copy of at most twice the size of the reduced one, because this takes most
+        # of the time.
+        twice = (min(background.shape[1], 2 * width), min(background.shape[0], 2 * height))
+        dotted = twice != self._size and is_dotted(background)
+        self._dotted = RelativeDifference(background, twice) if dotted else None
+        self._light = RelativeDifference(self._plain(background), self._size)
 
-    def region(self, image: Image) -> Region | None:
-        """Return the region where a frame differs from the background like a contact; None without any."""
-        return find_contact(self.difference(image))
+    def reduced(self, image: Image) -> Image:
+        """Return the reduced copy of a frame, (h, w, 3) uint8, with its dots filled.
 
-    def difference(self, image: Image) -> NDArray[np.float32]:
+        A frame that is as small as the copy is returned unchanged.
+        """
+        return image if image.shape[1::-1] == self._size else self._light.reduced(self._plain(image))
+
+    def light(self, image: Image) -> Light:
+        """Return the light of a frame against that of the background."""
+        return self._light.light_of(self.reduced(image))
+
+    def region(self, image: Image, light: Light | None = None) -> Region | None:
+        """Return the region where a frame differs from the background like a contact; None without any.
+
+        light: of the frame, None to compute it.
+        """
+        return find_contact(self.difference(image, light))
+
+    def difference(self, image: Image, light: Light | None = None) -> NDArray[np.float32]:
         """Return the relative difference of a frame's reduced copy from the background, (h, w, 3)."""
-        return self._light.of(self._reduced(image))
-
-    def lit(self, image: Image) -> NDArray[np.float32]:
-        """Return a frame's reduced copy in the light of the background, (h, w, 3) grey levels."""
-        work = self._reduced(image)
-        gain, offset = self._light.light_of(work)
-        return ((work - offset) / gain).astype(np.float32)
+        return self._light.of(self.reduced(image), light)
 
     def edge_ratio(self, image: Image, slopes: NDArray[np.float32]) -> float | None:
         """Return the log ratio of the background's edges to those of a frame, where they differ.
@@ -69,20 +87,24 @@ class Comparison:
         It is negative if the frame has the stronger edges, as a contact has. None if they do not differ.
         slopes: of the background, or of one of the frames whose mean it is.
         """
-        region = self.region(image)
-        if region is None:
-            return None
+        work = self.reduced(image)
+        region = self.region(work)
+        return None if region is None else self.edge_ratio_in(region, work, slopes)
+
+    def edge_ratio_in(self, region: Region, image: Image, slopes: NDArray[np.float32]) -> float:
+        """Return the same for a region where they differ."""
         inside = region.mask > 0
         return float(np.log(slopes[inside].mean() / self.slopes(image)[inside].mean()))
 
     def slopes(self, image: Image) -> NDArray[np.float32]:
         """Return the gradient magnitude (h, w) of the logarithm of a frame's reduced copy."""
-        logarithm = cv2.GaussianBlur(np.log(self._reduced(image).astype(np.float32) + DARK), (0, 0), SLOPE_PX)
-        right, down = np.gradient(logarithm, axis=1), np.gradient(logarithm, axis=0)
-        return np.asarray(np.hypot(right, down).mean(axis=2) + FLAT, np.float32)
+        logarithm = cv2.GaussianBlur(cv2.LUT(self.reduced(image), LOGARITHM), (0, 0), SLOPE_PX)
+        right, down = (cv2.Sobel(logarithm, cv2.CV_32F, *way, ksize=1, scale=0.5) for way in ((1, 0), (0, 1)))
+        size = cv2.magnitude(right.reshape(-1), down.reshape(-1)).reshape(right.shape)
+        return np.asarray(cv2.transform(size, np.full((1, 3), 1.0 / 3.0, np.float32)) + FLAT, np.float32)
 
-    def _reduced(self, image: Image) -> Image:
-        return self._light.reduced(self._plain(image))
+    def _plain(self, image: Image) -> Image:
+        return image if self._dotted is None else without_dots(self._dotted.reduced(image))
 
 
 def still_opening(images: Iterable[Image]) -> list[Image]:

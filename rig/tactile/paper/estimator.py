@@ -12,7 +12,7 @@ from typing import Protocol
 
 import cv2
 
-from drivers.tally import PictureNews, StreamTimes
+from drivers.tally import SELDOM_NS, PictureNews, StreamTimes
 from drivers.types import ArmState, Image
 from rig.tactile.contact.finder import Contact, ContactFinder
 from rig.tactile.paper.axis import Axis, AxisMethod
@@ -142,7 +142,7 @@ class PublishedEstimator(TactileEstimator):
         self._finder = finder
         self._method = method
         self._filter = ScriptFilter(window)
-        self._times, self._settling, self._news = StreamTimes(), SettlingByArea(), PictureNews()
+        self._times, self._settling, self._news = StreamTimes(), SettlingByArea(), PictureNews(SELDOM_NS)
 
     def update(self, image: Image, time_ns: int) -> SlipSample:
         """Estimate from (H, W, 3) uint8 RGB. Raises only `InputError`, for another shape or type."""

@@ -1,151 +1,115 @@
-"""Compiles the loops of `rig.tactile.slip.loops` ahead of the first contact, on two cores.
+"""Start the process that compiles the loops of `slip`, beside everything else that starts.
 
-If a loop is not in the cache, a child process compiles one half of the loops while this one compiles the
-other half.
+Importing this module does not import Numba, so that a command can begin to compile at once. All other
+processes wait for this one, and load the loops from the cache (`rig.tactile.slip.all_loops`).
 """
 
 import fcntl
+import multiprocessing
+import os
 import subprocess
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager, suppress
+import sys
+import tempfile
+from collections.abc import Callable
+from contextlib import suppress
 from functools import cache
+from hashlib import sha256
+from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
 
-import numpy as np
-from numba.core.event import Listener, install_listener
-
-from drivers.children import python_command
-from drivers.progress import begin_work, count_steps
-from rig.tactile.slip.compiled import is_cached, loops
-from rig.tactile.slip.loops import (
-    CURVED,
-    FACTS,
-    MOST_KEYS,
-    MOST_POINTS,
-    RESULTS,
-    ROWS,
-    SCRATCH,
-    align,
-    kept,
-    sought,
-    weigh,
-)  # fmt: skip
-from rig.tactile.slip.pixels import (
-    beyond_noise,
-    divergence,
-    fit_light,
-    lit,
-    slopes_in,
-    strongest_energy,
-    summed_tensor,
-    without_broad,
-)  # fmt: skip
+from drivers.children import python_command, signals_of_terminal_held
+from drivers.progress import begin_work
 
 COMPILING_S = 12
-"""Duration of the compilation on two idle cores, s: 12.3 and 12.5 s in two runs with an empty cache. One
-process took 14.4 and 17.9 s on the same computer."""
-OTHER_HALF_S = 120.0
-"""Time limit for the child process, s. If it is reached, this process compiles the rest."""
-
-
-class _Report(Listener):
-    """Reports when the first loop is compiled, and begins `_other_half` then.
-
-    Loops from the cache cause no event. begun: ends the other half.
-    """
-
-    def __init__(self, begun: ExitStack) -> None:
-        self._compiled: int | None = None
-        self._begun = begun
-
-    def on_start(self, event: Any) -> None:
-        """Name the work at the first loop."""
-        if self._compiled is None and event.data["dispatcher"] in loops:
-            self._compiled = 0
-            cached = is_cached(align)
-            again = "once per version" if cached else "each time: set NUMBA_CACHE_DIR"
-            begin_work(f"compiling the estimator, about {COMPILING_S} s if two cores are idle, {again}")
-            with suppress(OSError):
-                if cached:
-                    self._begun.enter_context(_other_half(Path(event.data["dispatcher"].stats.cache_path)))
-
-    def on_end(self, event: Any) -> None:
-        """Count a compiled loop."""
-        if event.data["dispatcher"] in loops:
-            self._compiled = (self._compiled or 0) + 1
-            count_steps(self._compiled, None)
+"""Duration of the compilation on two idle cores, s: 12.3 and 12.5 (docs/measurements.md)."""
+SOURCES = ("compiled.py", "all_loops.py", "loops.py", "pixels.py")
+"""The files beside this one that determine the compiled loops."""
+LOCK, ALL_COMPILED = "compiling.lock", "all_compiled"
+"""Files in the cache folder: locked while a process compiles; exists if all loops are in the folder."""
+_PROCESSOR = ("model name", "flags", "Features", "CPU part")
+"""Keys of /proc/cpuinfo. Other values need another cache: Numba compiles for the processor's features."""
+_child: "subprocess.Popen[bytes] | None" = None
+"""The process that compiles. It ends when this process has ended, which closes its standard input."""
+_announced = False
 
 
 @cache
-def compile_all() -> None:
-    """Compile all loops or load them from the cache, so that the first contact on a bench causes no delay.
+def cache_folder() -> Path | None:
+    """Return the folder of the compiled loops; None if no folder is writable.
 
-    The display of the progress names this if something is compiled, and only then.
+    It is in NUMBA_CACHE_DIR, in the user's cache, or beside this file. Its name depends on everything that
+    the compiled loops depend on, and not on the place of the installation.
     """
-    with ExitStack() as begun, install_listener("numba:compile", _Report(begun)):
-        compile_half()
-        begun.close()
-        compile_other_half()
+    here, numba = Path(__file__).parent, find_spec("numba")
+    content = sha256(repr((sys.version_info[:2], _processor(), _settings())).encode())
+    for file in (*map(here.joinpath, SOURCES), Path(str(numba and numba.origin)).with_name("_version.py")):
+        content.update(file.read_bytes())
+    user = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache", "numba")
+    for parent in (Path(os.environ.get("NUMBA_CACHE_DIR") or user), here / "__pycache__"):
+        folder = parent / f"slip_rig_{content.hexdigest()[:16]}"
+        with suppress(OSError):
+            folder.mkdir(parents=True, exist_ok=True)
+            tempfile.TemporaryFile(dir=folder).close()
+            return folder
+    return None
 
 
-@contextmanager
-def _other_half(cache_folder: Path) -> Iterator[None]:
-    """Compile the other half in a child process; at the end of the block it is in the cache.
+def _processor() -> list[str]:
+    try:
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+    except OSError:
+        return []
+    return sorted({line for line in lines if line.startswith(_PROCESSOR)})
 
-    If another process compiles already, wait until it has filled the cache. Raises `OSError`.
+
+def _settings() -> list[tuple[str, str]]:
+    """Numba's settings, some of which change the compiled loops."""
+    return sorted((k, v) for k, v in os.environ.items() if k.startswith("NUMBA_") and k != "NUMBA_CACHE_DIR")
+
+
+def begin_compiling(announce: Callable[[str], None] = begin_work) -> None:
+    """Start the process that compiles the loops, unless they are in the cache or another process compiles.
+
+    announce: shows a line about the work, once per process, and not in workers. Without a cache nothing is
+    started: each process compiles for itself when it needs the loops.
     """
-    with (cache_folder / "compiling.lock").open("w") as lock:
+    global _child, _announced
+    folder, work = cache_folder(), f"compiling the estimator, about {COMPILING_S} s"
+    if folder is None:
+        work += ", each time: set NUMBA_CACHE_DIR to a folder that can be written"
+    elif (folder / ALL_COMPILED).exists():
+        return
+    else:
+        work += " if two cores are idle, once per version"
         try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            fcntl.flock(lock, fcntl.LOCK_EX)
-            yield
+            # The process inherits the lock, which is released as soon as it has ended, in whatever way.
+            with (folder / LOCK).open("w") as lock, signals_of_terminal_held():
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                code = "from rig.tactile.slip.all_loops import compile_into_cache; compile_into_cache()"
+                quiet = subprocess.DEVNULL
+                _child = subprocess.Popen(  # noqa: S603
+                    python_command("-c", code),
+                    stdin=subprocess.PIPE,
+                    stdout=quiet,
+                    stderr=quiet,
+                    pass_fds=[lock.fileno()],
+                    env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},  # a fork copies no threads
+                )
+        except OSError:  # another process compiles, or none can be started
             return
-        code = f"from {__name__} import compile_other_half; compile_other_half()"
-        quiet = subprocess.DEVNULL
-        command = python_command("-c", code)
-        child = subprocess.Popen(command, stdin=quiet, stdout=quiet, stderr=quiet)  # noqa: S603
-        try:
-            yield
-            with suppress(subprocess.TimeoutExpired):
-                child.wait(OTHER_HALF_S)
-        finally:
-            child.kill()
-            child.wait()
+    if not _announced and multiprocessing.parent_process() is None:
+        _announced = True
+        announce(work)
 
 
-def compile_half() -> None:
-    """Compile or load one half of the loops; the first one takes the least time."""
-    planes, views, facts = np.zeros((4, 8, 8), np.float32), np.ones((2, 3)), np.ones((1, FACTS))
-    bank = np.zeros((1, 3, ROWS, MOST_POINTS), np.float32)
-    kept(bank[0, 0], facts[0], planes, views[0], 0.1)
-    weights = np.zeros((MOST_KEYS, 2, MOST_POINTS), np.float32)
-    scratch = np.zeros((MOST_KEYS, 2, SCRATCH, MOST_POINTS), np.float32)
-    align(
-        bank, facts, np.zeros(1, np.int64), planes, planes, views, weights, scratch, np.zeros((1, 3)), 1.0,
-        1.0, 2, 1, 3, np.zeros(RESULTS),
-    )  # fmt: skip
+def is_compiling() -> bool:
+    """Whether a process that this one has started compiles the loops."""
+    return _child is not None and _child.poll() is None
 
 
-def compile_other_half() -> None:
-    """Compile or load the other half of the loops."""
-    planes, work, mask = (
-        np.zeros((4, 8, 8), np.float32),
-        np.zeros((8, 8, 3), np.float32),
-        np.ones((8, 8), np.uint8),
-    )
-    few, pairs, views = np.ones((3, 4)), np.zeros((8, 8, 2), np.float32), np.ones((2, 3))
-    fit_light(few, few, few, 1, 1, 0.01, 1e-3, 0.02, np.ones((2, 3)))
-    places, begins, image = np.zeros((2, 1), np.int32), np.zeros(2, np.int32), np.zeros((3, 8, 8), np.uint8)
-    lit(image, 0, 0, np.ones((2, 3)), planes, planes, places, begins, places, planes[0, 0], 255, planes)
-    slopes_in(work, np.zeros((6, 8, 8), np.float32), 0, 0, pairs)
-    without_broad(pairs, pairs, 1.0, mask, 0, 0, planes)
-    divergence(pairs, planes[0].copy())
-    summed_tensor(planes, planes.copy())
-    beyond_noise(planes, 0.0, (1, 1, 1, 1), planes[0], planes.copy())
-    strongest_energy(planes, mask, 1, 0, 0, 1)
-    bank, facts = np.zeros((1, 3, ROWS, MOST_POINTS), np.float32), np.ones((1, FACTS))
-    weights = np.zeros((MOST_KEYS, 2, MOST_POINTS), np.float32)
-    weigh(bank, facts, np.zeros(1, np.int64), planes, planes, views, 0.1, 0.1, weights)
-    sought(bank[0, CURVED], facts[0], planes[0], views[0], np.zeros(3), 1, 0.1, 1, 1, 1)
+def wait_until_compiled(folder: Path) -> bool:
+    """Wait while a process compiles into the folder; return whether all loops are there."""
+    if not (folder / ALL_COMPILED).exists():
+        with suppress(OSError), (folder / LOCK).open("w") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+    return (folder / ALL_COMPILED).exists()

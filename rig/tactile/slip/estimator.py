@@ -19,7 +19,7 @@ from rig.tactile.contact.gel_marks import LaterMarks, found_marks
 from rig.tactile.contact.relative import RelativeDifference, full_area, smoothed, work_size
 from rig.tactile.sample import FreshFrameEstimator, SlipSample, State, Stopwatch
 from rig.tactile.settling import NEW_GRASP_NS
-from rig.tactile.slip.compiling import compile_all
+from rig.tactile.slip.all_loops import compile_all
 from rig.tactile.slip.gradient import CalibratedSlopes, LearntGradientMap, learn_map
 from rig.tactile.slip.height import Field
 from rig.tactile.slip.light import Light, Lit

@@ -17,14 +17,15 @@ from drivers.ur5e.arm import ToolSetting, UR5e
 from drivers.ur5e.link import ArmLink
 from drivers.ur5e.status import PLAYING
 from fakes.wire.ur.controller import URController
-from support.marks import long
+from support.marks import heavy, require_ur_rtde
 from support.ur5e import agree, first_error, make_arm, refuse, stands
 from support.waiting import until
 from support.worlds import HOME
 
-pytest.importorskip("rtde_control", reason="ur-rtde is not installed here")
+require_ur_rtde()
 
 
+@pytest.mark.heavy
 def test_protective_stop_is_released_on_request_only(controller: URController, arm: UR5e) -> None:
     motion = arm.move_linear(HOME.translated(z_m=-0.2), 0.1, 1.0)
     controller.inject("protective_stop")
@@ -41,6 +42,7 @@ def test_protective_stop_is_released_on_request_only(controller: URController, a
     arm.move_linear(HOME, 0.25, 1.0).wait(5.0)
 
 
+@pytest.mark.heavy
 def test_connecting_during_a_protective_stop_and_recovery_work(controller: URController) -> None:
     controller.inject("protective_stop")
     arm = make_arm(controller.host)
@@ -51,6 +53,7 @@ def test_connecting_during_a_protective_stop_and_recovery_work(controller: URCon
     arm.move_linear(HOME.translated(z_m=-0.01), 0.25, 1.0).wait(5.0)
 
 
+@pytest.mark.heavy
 def test_program_that_ends_before_the_tool_is_known_is_restarted(
     controller: URController, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -69,14 +72,15 @@ def test_program_that_ends_before_the_tool_is_known_is_restarted(
     arm.move_linear(HOME.translated(z_m=-0.01), 0.25, 1.0).wait(5.0)
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize(
     ("kind", "arguments", "said"),
     [
         ("program_killed", {}, "control program is stopped"),
         ("stream_frozen", {}, "state is unknown"),
-        *long(("stream_frozen", {"repeat": True}, "state is unknown")),
+        *heavy(("stream_frozen", {"repeat": True}, "state is unknown")),
         ("socket_dropped", {}, "connection lost"),
-        *long(("silent", {}, "state is unknown")),
+        *heavy(("silent", {}, "state is unknown")),
         ("emergency_stop", {}, "emergency stop"),
     ],
 )
@@ -102,11 +106,12 @@ def test_fault_in_mid_motion_is_named_and_stops_the_arm(
     arm.move_linear(HOME, 0.25, 1.0).wait(5.0)
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize(
     ("kind", "arguments", "said"),
     [
         ("silent", {}, "does not answer"),
-        *long(("stream_frozen", {}, "does not answer")),
+        *heavy(("stream_frozen", {}, "does not answer")),
         ("stream_frozen", {"repeat": True}, "time stands still|does not answer"),
         ("remote_control_off", {}, "remote control is off"),
         ("recipe_refused", {"reply": "IN_USE"}, "already in use"),
@@ -135,6 +140,7 @@ def test_old_polyscope_is_named_before_any_process_starts(
         make_arm(started("5.3.9").host).connect()
 
 
+@pytest.mark.heavy
 def test_local_control_of_the_pendant_prevents_the_start(controller: URController, arm: UR5e) -> None:
     controller.inject("remote_control_off")
     with pytest.raises(DeviceError, match="remote control is off"):
@@ -142,7 +148,8 @@ def test_local_control_of_the_pendant_prevents_the_start(controller: URControlle
     assert "3" not in controller.snapshot()["commands"]
 
 
-@pytest.mark.parametrize("value", [float("nan"), *long(float("inf"))])
+@pytest.mark.heavy
+@pytest.mark.parametrize("value", [float("nan"), *heavy(float("inf"))])
 def test_invalid_wrench_from_the_controller_stops_a_motion(
     controller: URController, arm: UR5e, monkeypatch: pytest.MonkeyPatch, value: float
 ) -> None:

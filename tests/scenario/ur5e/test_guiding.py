@@ -14,13 +14,15 @@ from drivers.types import Vector6
 from drivers.ur5e.arm import UR5e
 from drivers.ur5e.status import from_ur, to_ur
 from fakes.wire.ur.controller import URController
-from support.marks import long
+from support.marks import heavy, require_ur_rtde
 from support.slow_motion import CLOCK, SLOWNESS, pause
 from support.ur5e import make_arm, running, stands
 from support.waiting import LIMIT_S, until
 from support.worlds import HOME
 
-pytest.importorskip("rtde_control", reason="ur-rtde is not installed here")
+pytestmark = pytest.mark.heavy
+
+require_ur_rtde()
 ASIDE: Vector6 = to_ur(HOME.translated(x_m=0.1, z_m=-0.15))
 
 GUIDED = """
@@ -87,7 +89,6 @@ def test_guided_arm_stays_where_it_was_led(controller: URController, arm: UR5e) 
     assert np.allclose(place(controller), HOME.position_m, atol=1e-3)
 
 
-@pytest.mark.long
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGHUP, signal.SIGTERM, signal.SIGQUIT])
 def test_signal_ends_guiding_with_the_arm_held_at_rest(
     controller: URController, number: signal.Signals
@@ -102,7 +103,6 @@ def test_signal_ends_guiding_with_the_arm_held_at_rest(
     assert "ArmMode.RUNNING" in said
 
 
-@pytest.mark.long
 def test_guiding_ends_with_an_error_after_its_program_was_suspended(controller: URController) -> None:
     with guided(controller, limit_s=60.0) as rig:
         until(lambda: place(controller)[0] > HOME.position_m[0] + 0.005)
@@ -115,7 +115,6 @@ def test_guiding_ends_with_an_error_after_its_program_was_suspended(controller: 
         assert stands(controller)
 
 
-@pytest.mark.long
 def test_guiding_ends_at_its_time_limit(controller: URController) -> None:
     with guided(controller, limit_s=2.0) as rig:
         said = rig.stdout.read()
@@ -125,7 +124,7 @@ def test_guiding_ends_at_its_time_limit(controller: URController) -> None:
         assert stands(controller)
 
 
-@pytest.mark.parametrize("how", ["hangs", *long("is killed")])
+@pytest.mark.parametrize("how", ["hangs", *heavy("is killed")])
 def test_guiding_ends_if_its_program_hangs_or_is_killed(controller: URController, how: str) -> None:
     with guided(controller, how) as rig:
         if how == "is killed":

@@ -19,17 +19,19 @@ from fakes.wire.ur.controller import URController
 from fakes.world.kinematics import TOOL_LENGTH_M, from_ur
 from protocols.steps import move
 from support.benches import NOISE_M
-from support.marks import long
+from support.marks import heavy, require_ur_rtde
 from support.slow_motion import CLOCK, SLOWNESS, pause
 from support.ur5e import agree, make_arm, refuse, stands
 from support.waiting import until
 from support.worlds import HOME
 
-pytest.importorskip("rtde_control", reason="ur-rtde is not installed here")
+pytestmark = pytest.mark.heavy
+
+require_ur_rtde()
 Start = Callable[..., URController]
 
 
-@pytest.mark.parametrize("version", ["5.4.0", *long("5.5.1", "5.11.0", "5.25.0")])
+@pytest.mark.parametrize("version", ["5.4.0", *heavy("5.5.1", "5.11.0", "5.25.0")])
 def test_motion_works_on_all_supported_controller_versions(started: Start, version: str) -> None:
     arm = make_arm(started(version).host)
     arm.connect()
@@ -69,7 +71,6 @@ def test_program_on_the_controller_is_replaced_unless_it_moves_the_arm(controlle
     assert controller.snapshot()["program_running"]
 
 
-@pytest.mark.long
 def test_two_arms_in_one_program_are_independent(started: Start) -> None:
     # both start before either arm connects, because a start keeps this process busy
     arms = [make_arm(controller.host) for controller in (started(), started())]

@@ -13,13 +13,13 @@ from drivers.errors import DeviceError
 from drivers.types import ArmMode
 from drivers.ur5e.arm import UR5e
 from fakes.wire.ur.controller import URController
-from support.marks import long
+from support.marks import heavy, require_ur_rtde
 from support.slow_motion import SLOWNESS, pause
 from support.ur5e import agree, first_error, make_arm, running, stands
 from support.waiting import until
 from support.worlds import HOME
 
-pytest.importorskip("rtde_control", reason="ur-rtde is not installed here")
+require_ur_rtde()
 
 
 MOVING = """
@@ -87,7 +87,8 @@ def _read(file: Path) -> bytes:
     return b""
 
 
-@pytest.mark.parametrize("crash", [signal.SIGSEGV, *long(signal.SIGKILL)])
+@pytest.mark.heavy
+@pytest.mark.parametrize("crash", [signal.SIGSEGV, *heavy(signal.SIGKILL)])
 def test_crash_of_the_commanding_process_ends_the_motion_and_recovers(
     controller: URController, arm: UR5e, crash: signal.Signals
 ) -> None:
@@ -101,6 +102,7 @@ def test_crash_of_the_commanding_process_ends_the_motion_and_recovers(
     arm.move_linear(HOME, 0.25, 1.0).wait(5.0)
 
 
+@pytest.mark.heavy
 def test_crash_of_the_listening_process_is_an_error_until_reconnected(
     controller: URController, arm: UR5e
 ) -> None:
@@ -112,6 +114,7 @@ def test_crash_of_the_listening_process_is_an_error_until_reconnected(
     assert arm.state().mode is ArmMode.RUNNING
 
 
+@pytest.mark.heavy
 def test_killed_program_leaves_no_process_and_stops_the_arm(controller: URController) -> None:
     with running(MOVING, controller, "hangs") as program:
         assert program.stdout.readline() == "hangs\n"
@@ -122,7 +125,7 @@ def test_killed_program_leaves_no_process_and_stops_the_arm(controller: URContro
     assert stands(controller)
 
 
-@pytest.mark.long
+@pytest.mark.heavy
 def test_motion_stops_if_its_program_is_suspended(controller: URController) -> None:
     with running(MOVING, controller, "looks") as program:
         until(lambda: height_m(controller) < HOME.position_m[2] - 0.05)
@@ -137,6 +140,7 @@ def test_motion_stops_if_its_program_is_suspended(controller: URController) -> N
         assert "stopped by a signal" in program.stdout.read()
 
 
+@pytest.mark.heavy
 def test_motion_stops_if_its_program_hangs(controller: URController) -> None:
     with running(MOVING, controller, "hangs") as program:
         assert program.stdout.readline() == "hangs\n"
@@ -146,7 +150,7 @@ def test_motion_stops_if_its_program_hangs(controller: URController) -> None:
         assert stands(controller)
 
 
-@pytest.mark.long
+@pytest.mark.heavy
 @pytest.mark.skipif(not hasattr(os, "SCHED_IDLE"), reason="this system has no SCHED_IDLE")
 def test_motion_continues_for_a_moment_without_a_core(controller: URController) -> None:
     # After how long it stops is a test of the heartbeat: how long a program waits is the scheduler's choice.
@@ -155,6 +159,7 @@ def test_motion_continues_for_a_moment_without_a_core(controller: URController) 
         assert HOME.position_m[2] - height_m(controller) > 0.199
 
 
+@pytest.mark.heavy
 def test_controller_stops_the_arm_if_it_gets_no_commands(controller: URController, arm: UR5e) -> None:
     motion = arm.move_linear(HOME.translated(z_m=-0.20), 0.25, 1.0)
     until(lambda: motion.done() or motion.progress() > 0.25)
@@ -165,7 +170,7 @@ def test_controller_stops_the_arm_if_it_gets_no_commands(controller: URControlle
     assert stands(controller)
 
 
-@pytest.mark.long
+@pytest.mark.heavy
 @pytest.mark.parametrize("all_of_it", [False, True])
 def test_computer_that_stands_still_does_not_end_the_program_of_a_simulated_controller(
     controller: URController, arm: UR5e, all_of_it: bool

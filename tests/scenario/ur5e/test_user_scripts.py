@@ -12,11 +12,11 @@ from typing import Any
 import pytest
 
 from fakes.wire.ur.controller import URController
-from support.marks import long
+from support.marks import heavy, require_ur_rtde
 from support.ur5e import running
 from support.waiting import until
 
-pytest.importorskip("rtde_control", reason="ur-rtde is not installed here")
+require_ur_rtde()
 HEAD = """
 import json, sys, time
 from dashboard_client import DashboardClient
@@ -147,6 +147,7 @@ results["moves"] = control.moveL(home, 1.0, 10.0)
 """Scripts whose `results` are all True, and which end with the arm at home."""
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize(
     "names", [("motions", "stops", "servo", "speed"), ("inverse kinematics", "protective stop")]
 )
@@ -164,7 +165,7 @@ def test_calls_of_scripts_are_simulated(controller: URController, names: tuple[s
             "control.sendCustomScriptFunction('lamp', 'set_standard_digital_out(1, True)')",
             "write_output_integer_register",
         ),
-        *long(
+        *heavy(
             ("control.servoC(low, 0.1, 0.5, 0.01)", "servoC"),
             ("control.moveUntilContact([0, 0, -0.1, 0, 0, 0])", "moveUntilContact"),
             ("control.poseTrans(home, low)", "poseTrans"),
@@ -211,7 +212,7 @@ pause(0.1)
     [
         "servoJ(q, 0.5, 0.5, 0.008, 0.1, 300)",
         "moveL(low, 0.02, 1.2, True)",
-        *long("speedL([0, 0, -0.01, 0, 0, 0])"),
+        *heavy("speedL([0, 0, -0.01, 0, 0, 0])"),
     ],
 )
 def test_motion_beside_another_one_ends_the_program(

@@ -2,15 +2,19 @@
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from calibration.camera.intrinsics import (
+    LENS_MODELS,
     CameraFit,
     assess_camera,
     calibrate_camera,
     camera_difference_px,
+    held_out_error,
     predict,
     projection_sigma_px,
 )
@@ -45,7 +49,7 @@ def views(
     return [view for view in made if len(view.ids) >= 12][:count]
 
 
-@pytest.mark.slow
+@pytest.mark.heavy
 @pytest.mark.parametrize(
     "spec",
     ["charuco:8x6:25:18:DICT_5X5_100", "charuco:8x6:25:18:DICT_5X5_100:legacy",
@@ -85,7 +89,7 @@ def test_noise_picture_is_refused_with_a_reason() -> None:
 FACING = Pose((-0.10, -0.075, 0.42), (0.10, -0.08, 0.03, 0.991))
 
 
-@pytest.mark.slow
+@pytest.mark.heavy
 @pytest.mark.parametrize(
     ("made", "read", "x_m", "reason"),
     [
@@ -103,7 +107,7 @@ def test_wrong_or_cut_board_is_refused(made: str, read: str, x_m: float, reason:
     assert reason in str(parse_target(read).find(picture, "board"))
 
 
-@pytest.mark.slow
+@pytest.mark.heavy
 def test_part_of_a_charuco_board_is_found() -> None:
     picture = render_target(BOARD, CAMERA, FACING, np.random.default_rng(1))
     picture[:, :560] = 120
@@ -113,7 +117,7 @@ def test_part_of_a_charuco_board_is_found() -> None:
     assert np.sqrt(((view.image_px - exact) ** 2).sum(axis=1).mean()) < 0.3
 
 
-@pytest.mark.slow
+@pytest.mark.heavy
 def test_views_that_do_not_determine_a_camera_are_refused_or_rated_weak() -> None:
     rng, (one,) = np.random.default_rng(1), views(1)
     refocused = replace(CAMERA, matrix=CAMERA.matrix * np.array([[1.04], [1.04], [1.0]]))
@@ -137,6 +141,24 @@ def fitted() -> CameraFit:
     return calibrate_camera(views(20))
 
 
+def test_error_on_held_out_views_uses_cameras_fitted_without_them(monkeypatch: pytest.MonkeyPatch) -> None:
+    every, fitted = views(10), []
+
+    def fit(seen: list[View], lens: object) -> Any:
+        fitted.append(seen)
+        return SimpleNamespace(camera=seen)
+
+    def missed(camera: list[View], view: View) -> np.ndarray:
+        assert not any(one is view for one in camera)
+        return np.ones(4)
+
+    monkeypatch.setattr("calibration.camera.intrinsics.fit_camera", fit)
+    monkeypatch.setattr("calibration.camera.intrinsics._missed", missed)
+    assert held_out_error(every, LENS_MODELS[0]) == 1.0
+    assert [len(seen) for seen in fitted] == [8] * 5
+
+
+@pytest.mark.heavy
 def test_camera_is_found_within_its_sigma(fitted: CameraFit) -> None:
     result = fitted
     found, true = result.fit.camera, CAMERA
@@ -148,12 +170,14 @@ def test_camera_is_found_within_its_sigma(fitted: CameraFit) -> None:
     assert predict(found, views(5, seed=9)) < 0.1
 
 
+@pytest.mark.heavy
 def test_uncertainty_grows_in_unobserved_regions(fitted: CameraFit) -> None:
     whole, middle = projection_sigma_px(fitted), projection_sigma_px(calibrate_camera(views(15, reach=0.2)))
     assert middle.max() > 3 * whole.max()
     assert middle[0, 0] > 3 * middle[6, 8]
 
 
+@pytest.mark.heavy
 def test_two_bad_views_of_twenty_are_left_out_and_named() -> None:
     seen = views(20)
     for i in (4, 11):
@@ -186,6 +210,7 @@ def photographed(spec: str, folder: Path, pattern: str, keep_all: bool = False) 
     return calibrate_camera([view for view in found if isinstance(view, View)], keep_all=keep_all)
 
 
+@pytest.mark.heavy
 def test_real_photos_agree_with_the_published_calibrations(real_data: Path) -> None:
     """Thirteen of a chessboard with OpenCV's own recipe; four of a board, which give a weak camera."""
     many = photographed("chessboard:9x6:25:11", real_data / "opencv_chessboard", "left*.jpg", keep_all=True)

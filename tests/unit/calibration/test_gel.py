@@ -31,7 +31,7 @@ def _found(made: MadePress) -> Press:
     return press
 
 
-@pytest.mark.slow
+@pytest.mark.heavy
 def test_held_out_balls_are_reconstructed_at_their_radius(fitted) -> None:
     assert set(fitted.radius_error()) == {3.0, 5.0}
     # the simulated colours saturate with the slope, which the map follows in part only
@@ -42,7 +42,7 @@ def test_held_out_balls_are_reconstructed_at_their_radius(fitted) -> None:
         assert found == pytest.approx(made.radius_mm, rel=0.2)
 
 
-@pytest.mark.slow
+@pytest.mark.heavy
 def test_slopes_point_away_from_the_middle_of_a_dent(fitted) -> None:
     made = GEL.presses(1, seed=2)[0]
     press = _found(made)
@@ -65,7 +65,7 @@ def test_map_is_exact_if_colour_is_linear_in_slope() -> None:
         fit_gradient_map(change * np.nan, places, normals, (240, 320))
 
 
-@pytest.mark.slow
+@pytest.mark.heavy
 def test_ball_of_impossible_radius_is_rejected() -> None:
     made = GEL.presses(8, seed=4)
     presses = [_found(p) for p in made]
@@ -129,6 +129,7 @@ def test_a_reference_is_judged_against_the_earlier_one() -> None:
         drift_since(same, earlier[:100])
 
 
+@pytest.mark.heavy
 def test_unusable_references_are_refused_with_the_reason() -> None:
     other = SimulatedGel(seed=8)
     for frames, reason in (
@@ -164,7 +165,7 @@ def test_scales_along_x_and_y_are_distinguished() -> None:
             fit_scale(*wrong)
 
 
-@pytest.mark.slow
+@pytest.mark.heavy
 def test_held_out_real_gelsight_balls_are_reconstructed_within_five_percent(real_data: Path) -> None:
     presses = gelsight_presses(real_data / "gelsight_ball")
     assert len(presses) == 67

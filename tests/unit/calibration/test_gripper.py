@@ -70,6 +70,7 @@ TABLES = [(0.25, range(10, 230, 24)), (0.6, range(100, 160, 8)), (0.9, range(10,
 """mm per count of a gripper, and measured counts."""
 
 
+@pytest.mark.heavy
 @units
 def test_gripper_table_of_another_unit_is_refused_and_one_in_mm_is_accepted(
     unit: str, tmp_path: Path

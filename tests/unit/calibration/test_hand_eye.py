@@ -27,7 +27,7 @@ from calibration.verdict import Verdict
 from drivers.errors import CalibrationError
 from drivers.types import Pose
 from rig.benchmark.calibration.motion_scenes import CAMERA, Truth, general_scene
-from support.marks import long
+from support.marks import heavy
 from support.motions import ORDERS, jittered, motion_scene, pose_pairs
 from support.units import IN_MM, units
 
@@ -36,7 +36,8 @@ Scene = tuple[Truth, list[HandEyeSample]]
 every_setup = pytest.mark.parametrize("setup", list(Setup))
 FEW = ("rows at random", "first row forty times")
 every_order = pytest.mark.parametrize(
-    "order", [*(ORDERS[name] for name in FEW), *long(*(of for name, of in ORDERS.items() if name not in FEW))]
+    "order",
+    [*(ORDERS[name] for name in FEW), *heavy(*(of for name, of in ORDERS.items() if name not in FEW))],
 )
 
 
@@ -94,6 +95,7 @@ def test_exact_pairs_give_the_exact_transform(setup: Setup) -> None:
     assert np.allclose(result.target.position_m, truth.z.position_m, atol=1e-6)
 
 
+@pytest.mark.heavy
 def test_target_behind_the_camera_is_doubted() -> None:
     _, samples = pose_pairs(0, 20, Setup.EYE_TO_HAND)
     assert "behind the camera" not in str(paired(samples).assessment)
@@ -109,6 +111,7 @@ def test_flipped_samples_are_left_out_and_named() -> None:
     assert error_mm(result, truth) < 1.0
 
 
+@pytest.mark.heavy
 def test_samples_of_which_more_than_a_third_are_flipped_are_refused() -> None:
     _, samples = general_scene(np.random.default_rng(2), 20, flipped=8)
     result = solved(samples)
@@ -116,7 +119,7 @@ def test_samples_of_which_more_than_a_third_are_flipped_are_refused() -> None:
     assert "contradict one another" in str(result.assessment)
 
 
-@pytest.mark.slow
+@pytest.mark.heavy
 def test_flipped_targets_of_pairs_are_left_out_and_named() -> None:
     truth, samples = pose_pairs(3)
     flip = Rotation.from_euler("x", 30, degrees=True)
@@ -139,11 +142,10 @@ def pairs(seed: int, setup: Setup = Setup.EYE_TO_HAND) -> tuple[HandEyeResult, T
     return paired(samples, setup), truth
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "seeds"),
     [(views, 3), (pairs, 2), (partial(pairs, setup=Setup.EYE_IN_HAND), 2),
-     *long((views, 24), (pairs, 10), (partial(pairs, setup=Setup.EYE_IN_HAND), 10))],
+     *heavy((views, 24), (pairs, 10), (partial(pairs, setup=Setup.EYE_IN_HAND), 10))],
     ids=["views", "pairs", "pairs, in hand", "many views", "many pairs", "many pairs, in hand"],
 )  # fmt: skip
 def test_confidence_region_has_the_stated_coverage(
@@ -161,8 +163,7 @@ def unsure_camera(rng: Random | None) -> CameraModel:
     return CameraModel(CAMERA.size, matrix, np.zeros(5), CameraUncertainty((0, 1, 2, 3), covariance))
 
 
-@pytest.mark.slow
-@pytest.mark.long
+@pytest.mark.heavy
 def test_confidence_region_includes_the_cameras_uncertainty() -> None:
     held, held_without = [], []
     for seed in range(16):
@@ -175,6 +176,7 @@ def test_confidence_region_includes_the_cameras_uncertainty() -> None:
     assert np.mean(held_without) <= 0.35, "the samples alone cannot know"
 
 
+@pytest.mark.heavy
 def test_verdict_names_the_input_that_limits_it() -> None:
     _, samples = general_scene(np.random.default_rng(1), 20)
     exact = solved(samples)
@@ -301,7 +303,8 @@ MOTIONS: dict[str, tuple[Callable[[Random], Scene], tuple[str, ...]]] = {
 """By name: a function that draws the samples; words of a refusal, if it must be refused."""
 
 
-@pytest.mark.parametrize("draw", [0, *long(1, 2, 3, 4)])
+@pytest.mark.heavy
+@pytest.mark.parametrize("draw", [0, *heavy(1, 2, 3, 4)])
 @pytest.mark.parametrize("name", MOTIONS)
 def test_bad_motion_is_refused_or_gives_a_correct_result(name: str, draw: int) -> None:
     """A weak answer may be wrong by four times its sigma, a good one by 1 mm."""
@@ -355,8 +358,8 @@ def test_pairs_that_do_not_fit_are_refused(
     assert reason in str(result.assessment)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("size", [0.97, *long(1.05, 2.0)])
+@pytest.mark.heavy
+@pytest.mark.parametrize("size", [0.97, *heavy(1.05, 2.0)])
 def test_target_of_another_size_is_rejected_with_the_ratio(size: float) -> None:
     _, samples = pose_pairs(4, 30, size=size, noise=0.5)
     result = paired(samples)
@@ -366,7 +369,7 @@ def test_target_of_another_size_is_rejected_with_the_ratio(size: float) -> None:
     assert float(said.split("look ")[1].split(" times")[0]) == pytest.approx(size, rel=0.02)
 
 
-@pytest.mark.slow
+@pytest.mark.heavy
 def test_correlated_errors_increase_sigma() -> None:
     truth, samples = pose_pairs(8, 60)
     drift = np.cumsum(np.random.default_rng(1).normal(0, 1e-3, (len(samples), 3)), axis=0)
@@ -391,7 +394,8 @@ def repeated(pairs: list[PoseSample], order: Callable[[int], list[int]], jitter:
     ]
 
 
-@pytest.mark.parametrize("jitter", [1.0, *long(0.0)], ids=["with the robot's noise", "exact"])
+@pytest.mark.heavy
+@pytest.mark.parametrize("jitter", [1.0, *heavy(0.0)], ids=["with the robot's noise", "exact"])
 @every_order
 def test_repeated_pose_pairs_do_not_lower_sigma(order: Callable[[int], list[int]], jitter: float) -> None:
     _, samples = pose_pairs(0, 16, noise=0.25)

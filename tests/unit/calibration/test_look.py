@@ -40,14 +40,14 @@ def fit() -> LookFit:
     return fit_look(_pressed(12), background(), MM_PER_PX)
 
 
-@pytest.mark.slow
+@pytest.mark.heavy
 def test_held_out_presses_are_rendered_from_their_circles(fit: LookFit) -> None:
     assert len(fit.held_out) == 12
     assert fit.error_share < 0.6
     assert all(press.rms_grey < press.change_grey for press in fit.held_out)
 
 
-@pytest.mark.slow
+@pytest.mark.heavy
 def test_look_is_read_back_unchanged_or_refused(
     fit: LookFit, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -68,7 +68,7 @@ def test_look_is_read_back_unchanged_or_refused(
         SlipEstimator(np.full((240, 320, 3), 90, np.uint8), look=fit.look)
 
 
-@pytest.mark.slow
+@pytest.mark.heavy
 def test_simulated_gel_takes_background_and_noise_of_its_look(fit: LookFit) -> None:
     unit, rng = GelSensor(5, look=fit.look), np.random.default_rng(0)
     still = np.mean([unit.render(None, 0.0, rng) for _ in range(12)], axis=0)
@@ -76,7 +76,7 @@ def test_simulated_gel_takes_background_and_noise_of_its_look(fit: LookFit) -> N
     assert unit.mm_per_px == fit.look.mm_per_px
 
 
-@pytest.mark.slow
+@pytest.mark.heavy
 def test_varied_look_depends_on_its_seed_only(fit: LookFit) -> None:
     press = fit.presses[0]
     own, one, same, other = (
@@ -88,7 +88,7 @@ def test_varied_look_depends_on_its_seed_only(fit: LookFit) -> None:
     assert np.abs(one - other).max() > 5.0
 
 
-@pytest.mark.slow
+@pytest.mark.heavy
 def test_visibility_falls_where_two_colours_oppose_each_other(fit: LookFit) -> None:
     median, worst, _ = visibility(fit.look)
     assert 0.0 < worst < median
@@ -111,7 +111,7 @@ def test_damaged_look_names_the_file(tmp_path: Path) -> None:
             load_look(path)
 
 
-@pytest.mark.slow
+@pytest.mark.heavy
 def test_noise_is_measured_in_untouched_frames_if_there_are_enough() -> None:
     rng = np.random.default_rng(8)
     noisy = [
@@ -128,7 +128,6 @@ def test_jpeg_quality_is_found_if_a_picture_was_compressed() -> None:
     assert jpeg_quality(GEL.frame(np.random.default_rng(0))) is None
 
 
-@pytest.mark.slow
 def test_real_presses_left_out_keep_less_than_half_of_their_colour_error() -> None:
     folder = Path(os.environ.get("RIG_DIGIT_BALLS", ""))
     if not (folder / "circles.csv").is_file():
@@ -156,7 +155,7 @@ def _unexplained(fit: LookFit, corrections: int, monkeypatch: pytest.MonkeyPatch
     return float(1.0 - (found @ known) ** 2 / ((found @ found) * (known @ known)))
 
 
-@pytest.mark.slow
+@pytest.mark.heavy
 def test_corrections_recover_the_slopes_of_a_rendered_dent(
     fit: LookFit, monkeypatch: pytest.MonkeyPatch
 ) -> None:

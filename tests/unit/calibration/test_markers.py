@@ -26,7 +26,7 @@ from calibration.targets.aruco import (
 from calibration.verdict import Verdict
 from drivers.errors import CalibrationError, InputError
 from fakes.studio.calibration_scenes import MarkerPictures
-from support.marks import long
+from support.marks import heavy
 
 Image = NDArray[Any]
 NEAR = MarkerPictures(side_px=40.0, tilt_deg=15.0)
@@ -57,6 +57,7 @@ def copied(gray, corners, to):
     return doubled
 
 
+@pytest.mark.heavy
 def test_detected_corners_match_the_exact_projection():
     tracker = MarkerTracker((0, 1))
     for k in range(30):
@@ -151,9 +152,8 @@ def at_rest(pictures: MarkerPictures, count: int) -> list[Image]:
     return [pictures.draw(0.0, rng) for _ in range(count)]
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("refine", [refine_edges, refine_quick])
-@pytest.mark.parametrize("side_px", [40.0, *long(24.0, 80.0)])
+@pytest.mark.parametrize("side_px", [40.0, *heavy(24.0, 80.0)])
 def test_edges_find_corners_better_than_windows(side_px: float, refine: Refine) -> None:
     pictures = MarkerPictures(side_px=side_px, tilt_deg=15.0)
     rng, truth = np.random.default_rng(1), pictures.exact_corners(12.0)
@@ -178,8 +178,7 @@ def angle() -> MarkerAngle:
     return found
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("turn_deg", [0.1, -30.0, 179.9, *long(0.0, -0.1, 15.0, 90.0, -179.9, 180.0)])
+@pytest.mark.parametrize("turn_deg", [0.1, -30.0, 179.9, *heavy(0.0, -0.1, 15.0, 90.0, -179.9, 180.0)])
 def test_rotation_is_measured_with_its_sign(turn_deg: float, angle: MarkerAngle) -> None:
     angle.forget()
     rng = np.random.default_rng(3)
@@ -239,6 +238,7 @@ def test_window_without_an_edge_is_refused() -> None:
     assert refine_edges(noise, square) is Refusal.NO_CORNER
 
 
+@pytest.mark.heavy
 def test_report_at_rest_assesses_size_and_scatter() -> None:
     good = assess_markers(at_rest(NEAR, 30), angle_of())
     assert good.assessment.verdict is Verdict.GOOD, good.assessment
@@ -313,9 +313,9 @@ def test_rotation_out_of_the_plane_is_refused():
     assert angle.turn(corners(5.0, out_of_plane_deg=35.0)) is Refusal.OUT_OF_PLANE
 
 
-@pytest.mark.slow
+@pytest.mark.heavy
 @pytest.mark.parametrize("known", [False, True])
-@pytest.mark.parametrize("tilt", [(10.0, 11.0), *long(((0.0, 0.0),), ((7.5, 0.0),))])
+@pytest.mark.parametrize("tilt", [(10.0, 11.0), *heavy(((0.0, 0.0),), ((7.5, 0.0),))])
 def test_sigma_matches_the_error_under_noise(tilt, known):
     rng = np.random.default_rng(4)
     scores, errors = [], []

@@ -2,6 +2,7 @@
 
 import warnings
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -15,18 +16,31 @@ from calibration.time_offset import TimedSignal, TimeOffset, make_stream, time_o
 from calibration.verdict import Verdict
 from drivers.errors import CalibrationError
 from rig.benchmark.calibration.motion_scenes import wiggle_scene
-from support.marks import long
+from support.marks import heavy
 
 Array = np.ndarray
 Scene = tuple[TimedSignal, TimedSignal]
 OFFSET_S = 0.0473
 
 
+@pytest.mark.heavy
 def test_offset_from_a_wiggle_is_within_its_sigma() -> None:
     found = [time_offset(*wiggle_scene(np.random.default_rng(seed), offset_s=OFFSET_S)) for seed in range(20)]
     errors = [each.offset_s - OFFSET_S for each in found]  # type: ignore[operator]
     assert np.percentile(np.abs(errors), 95) < 1e-3
     assert 0.5 < np.std(errors) / np.mean([each.sigma_s for each in found]) < 2.0
+
+
+def test_correlated_noise_increases_sigma() -> None:
+    first, second = wiggle_scene(np.random.default_rng(0), offset_s=OFFSET_S)
+    white = np.random.default_rng(1).normal(0.0, 1.0, len(second.values))
+    smooth = np.convolve(white, np.ones(8) / np.sqrt(8.0), "same")
+    size = 0.05 * second.values.std()
+    sigmas = [
+        time_offset(first, replace(second, values=second.values + size * noise / noise.std())).sigma_s
+        for noise in (white, smooth)
+    ]
+    assert sigmas[1] > 1.5 * sigmas[0]
 
 
 def test_offset_of_two_pose_streams_follows_from_their_turning_rates() -> None:
@@ -60,6 +74,7 @@ def test_invalid_orientations_are_discarded_or_rejected() -> None:
             turning_rate(times, wrong, "camera")
 
 
+@pytest.mark.heavy
 def test_clock_drift_is_estimated_over_minutes() -> None:
     found = time_offset(*wiggle_scene(np.random.default_rng(1), seconds=240.0, drift_ppm=80.0))
     assert found.drift_ppm == pytest.approx(80.0, abs=4 * (found.drift_sigma_ppm or 0) + 1)
@@ -117,7 +132,7 @@ MOTIONS: dict[str, tuple[Callable[[np.random.Generator], Scene], tuple[str, ...]
 """By name: a function that draws both streams; words of a refusal, if it must be refused."""
 
 
-@pytest.mark.parametrize("draw", [0, *long(1, 2, 3, 4)])
+@pytest.mark.parametrize("draw", [0, *heavy(1, 2, 3, 4)])
 @pytest.mark.parametrize("name", MOTIONS)
 def test_bad_motion_is_refused_or_gives_the_offset(name: str, draw: int) -> None:
     make, reasons = MOTIONS[name]
@@ -202,6 +217,7 @@ def offset_of(
     return time_offset(make_stream(next(stamps), robot, "robot"), make_stream(next(stamps), camera, "camera"))
 
 
+@pytest.mark.heavy
 @given(
     st.sampled_from(list(WAVES)), st.floats(0.1, 0.48), OFFSETS_S, NOISE | st.just(0.1), RATES_HZ, CAMERAS_HZ
 )
@@ -213,6 +229,7 @@ def test_steady_motion_is_refused_with_its_period(
     assert found.offset_s is None
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize(("period_ms", "noise"), [(147, 0.0), (200, 1e-3), (300, 1e-2), (463, 0.0)])
 def test_refusal_states_the_period(noise: float, period_ms: float) -> None:
     for wave in WAVES.values():
@@ -223,6 +240,7 @@ def test_refusal_states_the_period(noise: float, period_ms: float) -> None:
         assert stated_ms == pytest.approx(max(round(stated_ms / period_ms), 1) * period_ms, abs=6)
 
 
+@pytest.mark.heavy
 @given(st.integers(0, 1000), st.floats(0.15, 0.7), OFFSETS_S, NOISE, RATES_HZ)
 def test_to_and_fro_motion_with_uneven_periods_is_right_or_refused(
     seed: int, period_s: float, offset_s: float, noise: float, rate_hz: int
@@ -237,6 +255,7 @@ def test_to_and_fro_motion_with_uneven_periods_is_right_or_refused(
         assert found.offset_s == pytest.approx(offset_s, abs=max(5 * (found.sigma_s or 0.0), 1.5e-3))
 
 
+@pytest.mark.heavy
 @given(st.integers(0, 1000), OFFSETS_S, NOISE, RATES_HZ)
 def test_irregular_motion_is_accepted(seed: int, offset_s: float, noise: float, rate_hz: int) -> None:
     rng = np.random.default_rng(seed)

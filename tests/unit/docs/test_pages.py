@@ -1,10 +1,12 @@
 """Links, places and facts in README and docs, and the workflows for code hosts."""
 
 import re
+import subprocess
 from dataclasses import fields
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any
 
+import pytest
 import yaml
 
 import rig.sessions.about
@@ -19,7 +21,7 @@ from rig.tactile.slip.compiling import COMPILING_S
 from support.documentation import PAGES, ROOT, parse, without_code
 
 LINK = re.compile(r"!?\[[^\]]*\]\(([^)\s]+)\)")
-DOCS = ROOT / "docs"
+DOCS, CONTRIBUTING = ROOT / "docs", ROOT / "CONTRIBUTING.md"
 
 
 def anchors(page: Path) -> set[str]:
@@ -44,6 +46,44 @@ def test_links_anchors_and_pictures_exist() -> None:
             assert not anchor or anchor in anchors(file), f"{page.name}: {target}: no such heading"
 
 
+def tracked() -> list[str]:
+    """Paths of the files of the repository; skips the test without git."""
+    found = subprocess.run(["git", "ls-files"], cwd=ROOT, capture_output=True, text=True, check=False)
+    if found.returncode:
+        pytest.skip("no git, or not a clone")
+    return found.stdout.splitlines()
+
+
+def test_top_level_has_only_what_contributing_lists() -> None:
+    text = CONTRIBUTING.read_text(encoding="utf-8")
+    listed = text[text.index("The top level holds") : text.index("nothing else.")]
+    assert {path.partition("/")[0] for path in tracked()} == set(re.findall("`([^`]+)`", listed))
+
+
+def test_files_named_in_pages_exist_and_contain_the_names_given_with_them() -> None:
+    """As `rig/lift/result.py`, and `NAME` in `FILE` or `NAME` (`FILE`)."""
+    files = tracked()
+    folders = {str(folder) for file in files for folder in PurePosixPath(file).parents}
+    packages = {file.partition("/")[0] for file in files if file.endswith(".py")}
+
+    def matching(name: str) -> list[str]:
+        return [file for file in files if file == name or file.endswith(f"/{name}")]
+
+    for page in (*PAGES, CONTRIBUTING):
+        text = without_code(page)
+        for name in re.findall(r"`([\w./-]+)`", text):
+            path = name.rstrip("/")
+            is_path = "/" in path and path.partition("/")[0] in packages
+            if is_path or path.endswith(".py"):
+                assert path in folders or matching(path), f"{page.name}: there is no {name}"
+        for name, file in re.findall(r"`([A-Za-z_][\w.]*)`\s(?:in\s|\()`([\w/.-]+\.py)`", text):
+            last = name.rpartition(".")[2]
+            sources = [(ROOT / path).read_text(encoding="utf-8") for path in matching(file)]
+            assert any(re.search(rf"\b{last}\b", source) for source in sources), (
+                f"{page.name}: {name} in {file}"
+            )
+
+
 def test_index_links_every_page() -> None:
     named = {Path(target).name for target in targets(DOCS / "index.md")}
     assert named == {page.name for page in DOCS.glob("*.md")} - {"index.md"}
@@ -58,7 +98,7 @@ def test_figures_in_readme_match_the_tables() -> None:
     page = (ROOT / "docs" / "measurements.md").read_text(encoding="utf-8")
     rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in page.splitlines()]
     lifts = next(row for row in rows if row[0] == "slip" and row[1] == "-")
-    assert f"MARE {lifts[3].split()[0]} degrees" in readme
+    assert f"MARE {lifts[4].split()[0]} degrees" in readme
     for of in SETS.values():
         begin, end = markers(f"clips {of.name}")
         section = page.partition(begin)[2].partition(end)[0]
@@ -68,6 +108,20 @@ def test_figures_in_readme_match_the_tables() -> None:
         shares = [f"within 3 degrees: {whole[3]} of {whole[2]} labels on {clips}"]
         shares += [f"{row[1]} clips ({row[2]} labels): {row[3]}" for row in groups if row[0] == ""]
         assert f"| {of.data} | {'; '.join(shares)} |" in readme
+
+
+def test_times_of_a_frame_match_the_table_of_real_clips() -> None:
+    begin, end = markers("clips octopi")
+    section = (DOCS / "measurements.md").read_text(encoding="utf-8").partition(begin)[2].partition(end)[0]
+    processor = re.search(r"family \d+ model \d+", section)
+    row = next(line.split("|") for line in section.splitlines() if line.startswith("| slip | all |"))
+    (median, _, p99), multiple = row[-3].strip().split(", "), row[-2].strip()
+    assert processor is not None
+    for page in (ROOT / "README.md", DOCS / "estimators.md", DOCS / "slip.md"):
+        text = " ".join(page.read_text(encoding="utf-8").split())
+        assert f"took {median} ms (median) and {p99} ms (99 %) through `rig.estimator`" in text
+        assert processor[0] in text
+        assert f"{multiple} times as long as OpenCV's `findTransformECC`" in text
 
 
 def test_container_files_exist_and_services_match_the_page() -> None:
@@ -181,7 +235,8 @@ def test_workflow_runs_readmes_test_command_and_a_campaign() -> None:
         "codespell",
         "site.py",
         "wheel.py",
-        "pytest --long",
+        "other_processor.py -m pytest",
+        "pytest --all",
     )
     assert all(step in "\n".join(checks) for step in steps)
     campaign = next(line for line in lines if "rig trial" in line)

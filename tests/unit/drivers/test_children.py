@@ -34,6 +34,7 @@ def in_child(what: object) -> object:
         process.join()
 
 
+@pytest.mark.heavy
 def test_spawned_process_has_a_safe_path_and_other_programs_keep_their_environment(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -50,6 +51,7 @@ def test_command_line_has_the_option_for_a_safe_path_and_a_child_ignores_signals
     assert in_child(ignored) == [True] * 3
 
 
+@pytest.mark.heavy
 def test_pool_ends_its_own_workers_only() -> None:
     from rig.experiments.process_pool import run_tasks
 

@@ -62,7 +62,6 @@ def test_slowed_clock_is_rejected_by_every_driver_of_a_device_that_may_be_real(h
         make("127.0.0.7")
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("process", ["control 192.168.0.2 4 5 4 3", "state 192.168.0.2 3 4 4 500.0 1"])
 def test_slowed_clock_is_rejected_by_the_processes_of_a_real_arm(process: str) -> None:
     command = [sys.executable, "-m", "drivers.ur5e.processes", *process.split()]

@@ -57,6 +57,7 @@ INVALID = {
 """Invalid texts by their parser, and words of the reason."""
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("parse", INVALID, ids=lambda parse: parse.__name__)
 def test_invalid_text_is_rejected_quickly_with_its_place(parse: Callable[[Any, str], object]) -> None:
     name = parse.__name__.removeprefix("parse_").upper()
@@ -220,6 +221,7 @@ def test_whole_numbers_are_read_in_full(value: int) -> None:
         assert parse_whole(f"{float(value):.18e}") == parse_whole(f"{value}.0") == value
 
 
+@pytest.mark.heavy
 @given(st.one_of(st.text(max_size=8), st.text("+-0123456789.,eE_ naif\x1c\x1f\x85\xa0", max_size=8)))
 @example("0\x1f")
 def test_any_text_is_rejected_or_has_the_value_that_python_gives_it(text: str) -> None:

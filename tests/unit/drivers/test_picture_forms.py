@@ -165,6 +165,7 @@ def test_preview_is_no_second_picture_and_a_damaged_list_of_pages_an_error(tmp_p
     assert "holds more than 1 images" in str(picture_flaw(bytes(data)))
 
 
+@pytest.mark.heavy
 def test_deep_samples_and_large_tiles_count(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     tifffile.imwrite(tmp_path / "x.tif", np.zeros((400, 400, 4)), photometric="rgb", compression="zlib")
     cv2.imwrite(str(tmp_path / "x.png"), np.zeros((400, 400, 4), np.uint16))

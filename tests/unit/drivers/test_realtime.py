@@ -38,6 +38,7 @@ def other() -> Iterator[int]:
     thread.join()
 
 
+@pytest.mark.heavy
 def test_lowest_real_time_priority_is_requested_for_all_threads(
     asked: list[tuple[int, int, int]], other: int
 ) -> None:

@@ -9,8 +9,18 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from drivers.clock import NS_PER_S
 from drivers.errors import StaleFrameError
-from drivers.tally import FROZEN_NS, FROZEN_REPEATS, FrameTally, PictureNews, StreamTimes, new_pictures
+from drivers.tally import (
+    FROZEN_NS,
+    FROZEN_REPEATS,
+    LEARNT_PICTURES,
+    SELDOM_NS,
+    FrameTally,
+    PictureNews,
+    StreamTimes,
+    new_pictures,
+)
 from drivers.types import Frame, Image
 from fakes.gel.sensor import GelSensor
 
@@ -107,20 +117,22 @@ def live(seed: int, quality: int = 95) -> Iterator[Image]:
         yield encoded(gel.render(None, 0.0, rng), quality)
 
 
-def states(pictures: list[Image], period_ns: int = PERIOD_NS) -> list[bool]:
-    news, found = PictureNews(), []
+def states(pictures: list[Image], period_ns: int = PERIOD_NS, every_ns: int = 0) -> list[bool]:
+    news, found = PictureNews(every_ns), []
     for number, image in enumerate(pictures):
         news.add(image, number * period_ns)
         found.append(news.frozen)
     return found
 
 
+@pytest.mark.parametrize("every_ns", [0, SELDOM_NS])
+@pytest.mark.heavy
 @pytest.mark.parametrize("name", COPIES)
-def test_copies_are_frozen_after_the_limit_until_pictures_change(name: str) -> None:
+def test_copies_are_frozen_after_the_limit_until_pictures_change(name: str, every_ns: int) -> None:
     source = live(3)
     before = [next(source) for _ in range(LIVE)]
     copies = [COPIES[name](before[-1], number) for number in range(90)]
-    found = states(before + copies + [next(source) for _ in range(LIVE)])
+    found = states(before + copies + [next(source) for _ in range(LIVE)], every_ns=every_ns)
     assert not any(found[:LIVE])
     late = FROZEN_NS // PERIOD_NS + 2
     assert all(found[LIVE + late : LIVE + 90])
@@ -128,16 +140,26 @@ def test_copies_are_frozen_after_the_limit_until_pictures_change(name: str) -> N
     assert not any(found[LIVE + 90 :]), "live again"
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("quality", [70, 80, 90, 95, 100])
 @pytest.mark.parametrize("seed", [0, 5])
 def test_sensor_at_rest_is_not_frozen(seed: int, quality: int) -> None:
     assert not any(states(list(islice(live(seed, quality), 150))))
 
 
+@pytest.mark.parametrize("every_ns", [0, SELDOM_NS])
 @pytest.mark.parametrize("repeats", [2, 6, 12])
-def test_video_converted_to_a_higher_rate_is_not_frozen(repeats: int) -> None:
+def test_video_converted_to_a_higher_rate_is_not_frozen(repeats: int, every_ns: int) -> None:
     slower = islice(live(1), 240 // repeats)
-    assert not any(states([image for image in slower for _ in range(repeats)]))
+    assert not any(states([image for image in slower for _ in range(repeats)], every_ns=every_ns))
+
+
+def test_few_pictures_of_a_live_source_are_compared(monkeypatch: pytest.MonkeyPatch) -> None:
+    compared = []
+    inner = PictureNews._compare
+    monkeypatch.setattr(PictureNews, "_compare", lambda *of: compared.append(of) or inner(*of))
+    states(list(islice(live(0), 300)), every_ns=SELDOM_NS)
+    assert len(compared) <= LEARNT_PICTURES + 1 + 5 * NS_PER_S / SELDOM_NS, "5 s at 60 Hz"
 
 
 def test_few_frames_per_second_need_several_repeats() -> None:
@@ -148,6 +170,7 @@ def test_few_frames_per_second_need_several_repeats() -> None:
     assert states([pictures[0]] * 5, FROZEN_NS * 2) == [number >= FROZEN_REPEATS for number in range(5)]
 
 
+@pytest.mark.heavy
 def test_dimmed_sensor_with_less_noise_is_not_frozen() -> None:
     rng = np.random.default_rng(0)
 

@@ -16,7 +16,7 @@ from protocols.slip_trial import run_lift
 from protocols.steps import move_fingers, tolerance_m
 from rig.bench.operators import ConsoleOperator
 from support.finger_counts import opening_m
-from support.marks import long
+from support.marks import heavy
 
 LiftOf = Callable[..., Any]
 MOTIONLESS = ("blocked", "stuck", "false_success")
@@ -64,12 +64,12 @@ def was_dropped(lift: Any) -> bool:
     )
 
 
-@pytest.mark.slow
+@pytest.mark.heavy
 @pytest.mark.parametrize(
     ("phase", "kind"),
     [
         *QUICK,
-        *long(*(case for case in product((None, *Phase), (*SEEN, "false_success")) if case not in QUICK)),
+        *heavy(*(case for case in product((None, *Phase), (*SEEN, "false_success")) if case not in QUICK)),
     ],
 )
 def test_arm_never_carries_object_when_gripper_disobeys(
@@ -94,9 +94,9 @@ def test_arm_never_carries_object_when_gripper_disobeys(
         assert (lift.pose, lift.counts, lift.held) == (pose, counts, True)
 
 
-@pytest.mark.slow
+@pytest.mark.heavy
 @pytest.mark.parametrize("kind", MOTIONLESS)
-@pytest.mark.parametrize("phase", [Phase.LIFT, *long(Phase.HOLD, Phase.LOWER)])
+@pytest.mark.parametrize("phase", [Phase.LIFT, *heavy(Phase.HOLD, Phase.LOWER)])
 def test_failed_release_leaves_arm_at_the_place_with_the_object_held(
     lift_of: LiftOf, phase: Phase, kind: str
 ) -> None:
@@ -136,6 +136,7 @@ def test_falsely_reported_grip_is_not_lifted(lift_of: LiftOf, real_counts: int) 
     assert lift.height_m == pytest.approx(0.0, abs=1e-4)
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("kind", MOTIONLESS)
 def test_fingers_that_do_not_open_to_the_grasp_keep_the_hand_up(lift_of: LiftOf, kind: str) -> None:
     lift = lift_of()
@@ -147,6 +148,7 @@ def test_fingers_that_do_not_open_to_the_grasp_keep_the_hand_up(lift_of: LiftOf,
         assert lift.bench.hand.state.holding is Holding.UNKNOWN
 
 
+@pytest.mark.heavy
 def test_operator_is_asked_again_after_the_fingers_opened(lift_of: LiftOf) -> None:
     lift = lift_of()
     break_in(lift, Phase.HOLD, "false_success")
@@ -174,8 +176,8 @@ def test_failed_opening_of_a_free_hand_makes_it_unknown(lift_of: LiftOf) -> None
     assert lift.bench.hand.state.holding is Holding.UNKNOWN
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("step_m", [0.001, pytest.param(0.0002, marks=pytest.mark.long)])
+@pytest.mark.heavy
+@pytest.mark.parametrize("step_m", [0.001, pytest.param(0.0002, marks=pytest.mark.heavy)])
 def test_grips_in_mm_do_not_depend_on_the_gripper_resolution(lift_of: LiftOf, step_m: float) -> None:
     """The wrench's object file has grips of 1.9 to 3.7 mm; this gripper closes in other steps."""
     lift = lift_of(step_m=step_m)
@@ -189,6 +191,7 @@ def test_grips_in_mm_do_not_depend_on_the_gripper_resolution(lift_of: LiftOf, st
     assert lift.plan.width_m - min(openings_m) == pytest.approx(lift.plan.grip_steps * step_m, abs=0.002)
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("phase", [Phase.LIFT, Phase.HOLD])
 def test_fingers_that_drift_open_without_a_command_end_the_lift(lift_of: LiftOf, phase: Phase) -> None:
     lift = lift_of()
@@ -199,7 +202,8 @@ def test_fingers_that_drift_open_without_a_command_end_the_lift(lift_of: LiftOf,
     assert not was_carried(lift)
 
 
-@pytest.mark.parametrize("counts", [-4, -2, 2, 4, *long(-13, -1, 1, 13, 60)])
+@pytest.mark.heavy
+@pytest.mark.parametrize("counts", [-4, -2, 2, 4, *heavy(-13, -1, 1, 13, 60)])
 def test_change_of_the_opening_by_more_than_noise_ends_the_lift(lift_of: LiftOf, counts: int) -> None:
     """Fingers that are opened or closed by another client of the gripper, in the air."""
     lift = lift_of()

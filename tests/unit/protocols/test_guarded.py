@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -16,7 +17,8 @@ from protocols.capture_pivot import FIRST_ABOVE_M, capture_pivot
 from protocols.observer import Phase
 from protocols.safe_end import safe_end
 from protocols.slip_trial import run_lift
-from protocols.steps import CLEARANCE_M, LOWER_SPEED_M_S, MOTION_TIMEOUT_S, move
+from protocols.steps import CLEARANCE_M, LOWER_SPEED_M_S, MOTION_TIMEOUT_S, guarded, move
+from support.worlds import HOME
 
 LiftOf = Callable[..., Any]
 
@@ -41,6 +43,7 @@ def test_arm_stops_and_rises_if_the_fingers_meet_the_table(lift_of: LiftOf) -> N
     assert lift.height_m == pytest.approx(CLEARANCE_M, abs=2e-3)
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("most_n", [1e4, None])
 def test_force_limit_is_that_of_the_bench_file_and_without_a_sensor_there_is_none(
     lift_of: LiftOf, monkeypatch: pytest.MonkeyPatch, most_n: float | None
@@ -53,12 +56,13 @@ def test_force_limit_is_that_of_the_bench_file_and_without_a_sensor_there_is_non
     assert lift.run() == "done"
 
 
-@pytest.mark.slow
+@pytest.mark.heavy
 def test_setting_down_an_object_is_not_reported_as_contact(lift_of: LiftOf) -> None:
     for object_id in ("t1", "7", "9"):
         assert lift_of(object_id).run() == "done"
 
 
+@pytest.mark.heavy
 def test_lost_gripper_stops_the_descent(lift_of: LiftOf, monkeypatch: pytest.MonkeyPatch) -> None:
     lift = lift_of()
     half_m = lift.plan.base_T_grasp.position_m[2] + CLEARANCE_M / 2
@@ -79,6 +83,7 @@ def test_lost_gripper_stops_the_descent(lift_of: LiftOf, monkeypatch: pytest.Mon
 NAN = float("nan")
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize(
     ("before", "after"),
     [
@@ -149,6 +154,7 @@ def test_moving_fingers_stop_if_their_state_becomes_invalid(
     assert gripper.state().opening_m >= stopped_m - 2 * gripper.spec.resolution_m
 
 
+@pytest.mark.heavy
 def test_step_of_a_tip_that_meets_the_table_is_stopped_and_asked_again(lift_of: LiftOf) -> None:
     bench = lift_of().bench
     height_m = bench.base_T_table.position_m[2] + FIRST_ABOVE_M
@@ -166,3 +172,23 @@ def test_step_of_a_tip_that_meets_the_table_is_stopped_and_asked_again(lift_of: 
     )
     assert "met an obstacle" in asked[1]
     assert seated == [pytest.approx(height_m - 0.022, abs=0.003)]
+
+
+@pytest.mark.parametrize(
+    "change_n", [(0.0, 0.0, -40.0), (0.0, 0.0, 40.0), (30.0, 0.0, 0.0), (0.0, -30.0, 0.0)]
+)
+def test_force_from_any_side_stops_a_guarded_motion(change_n: tuple[float, float, float]) -> None:
+    """A change of 40 N against the weight of 20 N leaves the magnitude of the force as it was."""
+    weight_n, stopped = (0.0, 0.0, 20.0), []
+    felt = tuple(a + b for a, b in zip(weight_n, change_n, strict=True))
+    arm = SimpleNamespace(
+        limits=SimpleNamespace(max_contact_force_n=25.0),
+        state=lambda: SimpleNamespace(force_n=felt, base_T_tcp=HOME),
+        stop=lambda: stopped.append(True),
+    )
+    bench: Any = SimpleNamespace(arm=arm, clock=None)
+    motion: Any = SimpleNamespace(done=lambda: False)
+    before: Any = SimpleNamespace(force_n=weight_n)
+    with pytest.raises(ContactForceError):
+        guarded(bench, motion, before).done()
+    assert stopped

@@ -72,6 +72,7 @@ def pumping(bench: Bench, observer: LiftObserver | None = None) -> Iterator[Pump
 PHASES = st.floats(0.0, 0.016)
 
 
+@pytest.mark.heavy
 @given(PHASES, PHASES, PHASES, st.floats(0.0, 0.0015))
 def test_all_frames_of_the_fingertips_are_delivered_in_order_of_capture(
     one: float, two: float, three: float, jitter_s: float
@@ -141,6 +142,7 @@ def test_frame_of_another_sensor_is_a_fault() -> None:
             pump.run_for(1.0)
 
 
+@pytest.mark.heavy
 def test_time_limit_names_what_was_missed_and_the_devices_if_frames_are_in_time() -> None:
     with pumping(build_bench(BENCH)[0]) as pump, pytest.raises(DeviceTimeoutError) as raised:
         pump.run_until(lambda: False, 1.5, "the arm did not stop")
@@ -182,7 +184,7 @@ def untouched() -> Imprint:
     return np.mean([imprint(gel(seed=seed)) for seed in range(1, 9)], axis=0)
 
 
-@pytest.mark.slow
+@pytest.mark.heavy
 @given(
     light=st.floats(0.7, 1.3),
     drift=st.floats(-0.2, 0.2),

@@ -70,11 +70,13 @@ def reached_all(script: Script) -> bool:
     return script.reached_m == pytest.approx(script.lift.plan.lift_height_m, abs=1e-6)
 
 
+@pytest.mark.heavy
 def test_without_reaction_a_slip_changes_nothing(lift_of: LiftOf) -> None:
     lift = lift_of()
     assert reacted(lift, Script(lift, [0.01]), ReactionKind.NONE).steps == []
 
 
+@pytest.mark.heavy
 def test_tighten_stops_the_arm_while_closing_and_then_completes_the_lift(lift_of: LiftOf) -> None:
     lift = lift_of()
     script = reacted(lift, Script(lift, [0.010]))
@@ -98,6 +100,7 @@ def test_each_closing_is_twice_the_previous_one_up_to_the_largest_grip(lift_of: 
     assert reached_all(script)
 
 
+@pytest.mark.heavy
 def test_slip_at_the_largest_grip_ends_the_lift_if_another_would_exceed_the_limit(lift_of: LiftOf) -> None:
     lift = lift_of()
     slips = Script(lift, [0.006, 0.010, 0.014], too_much=True)
@@ -107,6 +110,7 @@ def test_slip_at_the_largest_grip_ends_the_lift_if_another_would_exceed_the_limi
     assert script.reached_m < 0.012 < lift.plan.lift_height_m
 
 
+@pytest.mark.heavy
 def test_lift_continues_if_a_slip_at_the_largest_grip_ends(lift_of: LiftOf) -> None:
     lift = lift_of()
     script = reacted(lift, Script(lift, [0.010], closings=0), largest=lift.plan.grip_steps)
@@ -114,6 +118,7 @@ def test_lift_continues_if_a_slip_at_the_largest_grip_ends(lift_of: LiftOf) -> N
     assert reached_all(script)
 
 
+@pytest.mark.heavy
 def test_lift_ends_after_too_many_slips(lift_of: LiftOf) -> None:
     lift = lift_of()
     script = reacted(lift, Script(lift, [0.004] * 20, closings=0), largest=250)
@@ -122,6 +127,7 @@ def test_lift_ends_after_too_many_slips(lift_of: LiftOf) -> None:
     assert script.reached_m < 0.01
 
 
+@pytest.mark.heavy
 def test_stop_and_lower_end_the_lift_with_the_grip_as_it_is_and_lower_sets_down_sooner(
     lift_of: LiftOf,
 ) -> None:
@@ -136,6 +142,7 @@ def test_stop_and_lower_end_the_lift_with_the_grip_as_it_is_and_lower_sets_down_
     assert held_s[1] < held_s[0] - 0.5
 
 
+@pytest.mark.heavy
 def test_slip_in_the_hold_phase_causes_a_reaction(lift_of: LiftOf) -> None:
     lift = lift_of()
     script = reacted(lift, Script(lift, [lift.plan.lift_height_m]))

@@ -57,6 +57,7 @@ def test_free_fingers_that_closed_since_may_hold_something(lift_of: LiftOf) -> N
         assert check_hand(restarted(lift, known)).holding is holding
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("after_fault", [False, True])
 def test_object_held_by_the_last_program_is_set_down_at_its_place(lift_of: LiftOf, after_fault: bool) -> None:
     lift, person = left_in_the_air(lift_of), Person()
@@ -74,6 +75,7 @@ def test_object_held_by_the_last_program_is_set_down_at_its_place(lift_of: LiftO
     assert person.asked[2:] == ["Place object t1 (wrench) on its mark: the hand was emptied. Ready?"]
 
 
+@pytest.mark.heavy
 def test_object_stays_held_without_an_answer_even_with_yes(lift_of: LiftOf) -> None:
     lift, person = left_in_the_air(lift_of), Person(agrees=False)
     before = (lift.pose, lift.counts)
@@ -85,6 +87,7 @@ def test_object_stays_held_without_an_answer_even_with_yes(lift_of: LiftOf) -> N
     assert "The arm will move with it" in person.asked[1]
 
 
+@pytest.mark.heavy
 def test_fingers_closed_for_unknown_reason_open_only_after_a_question(lift_of: LiftOf) -> None:
     lift = left_in_the_air(lift_of)
     for known in (HandState(Holding.UNKNOWN, "no record"), HandState(Holding.FREE, finger_opening_m=0.11)):
@@ -124,6 +127,7 @@ def test_gripper_reporting_an_object_overrides_the_record(lift_of: LiftOf) -> No
     assert lift.held
 
 
+@pytest.mark.heavy
 def test_open_fingers_of_an_inactive_gripper_do_not_free_the_hand(lift_of: LiftOf) -> None:
     lift = left_in_the_air(lift_of)
     known = lift.bench.hand.state
@@ -136,6 +140,7 @@ def test_open_fingers_of_an_inactive_gripper_do_not_free_the_hand(lift_of: LiftO
     assert check_hand(lift.bench) == known
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("mode", ["wide", "pinch", "scissor"])
 def test_other_grasp_mode_is_left_by_an_activation_that_a_person_agrees_to(
     lift_of: LiftOf, mode: str, capsys: pytest.CaptureFixture[str]

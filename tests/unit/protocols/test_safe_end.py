@@ -13,7 +13,7 @@ from protocols.observer import Phase
 from protocols.slip_trial import run_lift
 from protocols.steps import CLEARANCE_M
 from support.benches import NOISE_M
-from support.marks import long
+from support.marks import heavy
 
 LiftOf = Callable[..., Any]
 STOPPING_M = 0.0025
@@ -24,6 +24,7 @@ def lowest(lift: Any, since: int) -> float:
     return min(z for _, z, _, _ in lift.trace[since:])
 
 
+@pytest.mark.heavy
 def test_uninterrupted_lift_ends_with_a_free_hand(lift_of: LiftOf) -> None:
     lift = lift_of()
     assert lift.run() == "done"
@@ -61,10 +62,10 @@ def test_open_hand_around_the_object_opens_wide_and_rises_straight_up(lift_of: L
     assert lowest(lift, at) >= lift.trace[at][1] - STOPPING_M
 
 
-HELD = pytest.mark.parametrize("phase", [Phase.LIFT, *long(Phase.HOLD), Phase.LOWER])
+HELD = pytest.mark.parametrize("phase", [Phase.LIFT, *heavy(Phase.HOLD), Phase.LOWER])
 
 
-@pytest.mark.slow
+@pytest.mark.heavy
 @HELD
 def test_held_object_is_set_down_at_its_place(lift_of: LiftOf, phase: Phase) -> None:
     lift = lift_of()
@@ -77,7 +78,7 @@ def test_held_object_is_set_down_at_its_place(lift_of: LiftOf, phase: Phase) -> 
     assert lift.bench.hand.state.holding is Holding.FREE
 
 
-@pytest.mark.slow
+@pytest.mark.heavy
 @HELD
 def test_second_ctrl_c_stops_the_teardown_in_place(lift_of: LiftOf, phase: Phase) -> None:
     lift = lift_of()
@@ -195,6 +196,7 @@ def test_plan_beyond_the_limits_is_rejected_before_any_motion(
     assert (lift.pose, lift.counts) == before
 
 
+@pytest.mark.heavy
 def test_low_hand_rises_before_it_travels(lift_of: LiftOf) -> None:
     lift = lift_of()
     low = lift.plan.base_T_grasp.translated(x_m=0.12, z_m=0.01)

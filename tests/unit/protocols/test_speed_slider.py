@@ -28,6 +28,7 @@ def slowed(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(FakeArm, "state", with_slider)
 
 
+@pytest.mark.heavy
 @pytest.mark.usefixtures("slowed")
 def test_lift_at_a_tenth_of_the_speed_is_completed(lift_of: Callable[..., Any]) -> None:
     lift = lift_of()

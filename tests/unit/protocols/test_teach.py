@@ -99,6 +99,7 @@ def test_each_key_is_one_bounded_step_at_low_speed(bench: Bench) -> None:
     assert (bench.clock.now_ns() - began_ns) / NS_PER_S >= 0.016 / STEP_SPEED_M_S
 
 
+@pytest.mark.heavy
 def test_step_beyond_the_limits_is_rejected_with_a_message(bench: Bench) -> None:
     home = bench.arm.state().base_T_tcp
     person = Person(keys="3" + "z" * 40)

@@ -26,6 +26,7 @@ def test_picture_with_another_orientation_than_the_others_is_left_out(tmp_path: 
     ]
 
 
+@pytest.mark.heavy
 def test_refused_calibration_does_not_replace_a_usable_one(tmp_path: Path) -> None:
     def filed(value: int, *refusals: str) -> None:
         file_result(CalibrationResult("sync", {"stream": "S1"}, {"n": value}, Assessment(refusals)), tmp_path)

@@ -173,6 +173,7 @@ distortion_coefficients: {rows: 1, cols: 5, data: [0, 0, 0, 0, 0]}
 """
 
 
+@pytest.mark.heavy
 @fuzzed()
 @given(data=changed([CALIBRATION], (*JSON, b"\n", b".nan", b"- ", b"gripper", b": ")))
 def test_calibrations(place: Path, data: bytes) -> None:

@@ -62,6 +62,7 @@ def test_frame_numbers_with_exponents_are_the_frames(tmp_path: Path) -> None:
     assert [time.time_ns for time in times] == [20_500_000_000, 30_250_000_000]
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("case", ["savetxt", "savetxt_0to30"])
 def test_sync_of_streams_written_by_numpy(real_data: Path, case: str) -> None:
     plain, other = (

@@ -126,7 +126,6 @@ def test_question_is_shown_until_answered_and_faults_stay(page: WatchPage) -> No
     assert [text.partition(" ")[0] for text in values(page)["finished"]] == ["3/5", "2/5"]
 
 
-@pytest.mark.slow
 @NEEDS_CHROMIUM
 @pytest.mark.parametrize(("width", "scheme"), [(1280, "light"), (390, "dark")])
 def test_browser_shows_live_updates(page: WatchPage, tmp_path: Path, width: int, scheme: str) -> None:
@@ -275,7 +274,6 @@ def test_page_for_other_computers_needs_the_key_that_is_printed(estimators: list
         made.close()
 
 
-@pytest.mark.slow
 @NEEDS_CHROMIUM
 def test_browser_shows_a_page_for_other_computers_and_presses_its_buttons(tmp_path: Path) -> None:
     made = WatchPage(watch_address("0.0.0.0:0"), "rig live D1", estimators=["slip"])
@@ -421,6 +419,7 @@ def test_page_server_has_low_priority_and_limits_requests(page: WatchPage) -> No
     assert time.monotonic() - began > 0.7 * (asked - BURST) / MOST_PER_S
 
 
+@pytest.mark.heavy
 def test_suspended_page_delays_nothing_and_catches_up_later(page: WatchPage) -> None:
     assert get(page, "/state.json")[0] == 200
     process = page_process()
@@ -517,6 +516,7 @@ def test_angle_curve_has_screen_resolution() -> None:
     assert lift["estimate"][-1][0] == pytest.approx(100.0, abs=0.06), "the newest stay"
 
 
+@pytest.mark.heavy
 def test_invalid_address_and_address_in_use_are_rejected(still_page: WatchPage) -> None:
     for text in ("8080", ":8080", "host", "host:", "host:99999", "host:-1", "host:1e3", "h:²"):
         with pytest.raises(InputError, match="write host and port"):

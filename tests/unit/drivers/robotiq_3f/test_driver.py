@@ -17,7 +17,7 @@ from fakes.world.world import World
 from support.connected import connected
 from support.finger_counts import counts_of, opening_m
 from support.gripper_on_wire import Wire, raised_by, reach, written
-from support.marks import long
+from support.marks import heavy
 from support.waiting import until
 
 
@@ -105,7 +105,7 @@ def test_modes_change_only_on_request_and_motions_keep_them(
     assert gripper.state().mode == "basic"
 
 
-@pytest.mark.parametrize("after_s", [0.0, 0.02, 0.3, *long(0.01, 0.03, 0.05)])
+@pytest.mark.parametrize("after_s", [0.0, 0.02, 0.3, *heavy(0.01, 0.03, 0.05)])
 def test_stop_ends_an_activation_at_any_moment(world: World, after_s: float) -> None:
     slow = GripperServer(world, SystemClock(), activation_s=60.0)
     slow.start()

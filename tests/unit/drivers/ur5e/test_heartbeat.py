@@ -201,6 +201,7 @@ def test_sleeping_program_does_not_count_as_waiting(started: "subprocess.Popen[b
     assert waited_share(Program(started.pid), 0.2) < 0.1
 
 
+@pytest.mark.heavy
 @pytest.mark.skipif(not hasattr(os, "SCHED_IDLE"), reason="this system has no SCHED_IDLE")
 @pytest.mark.parametrize("started", [SPINS, WAITS_FOR_A_THREAD], indirect=True)
 def test_idle_priority_program_counts_as_waiting_for_a_core(started: "subprocess.Popen[bytes]") -> None:

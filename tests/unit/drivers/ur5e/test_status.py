@@ -100,6 +100,7 @@ print(least)
 """
 
 
+@pytest.mark.heavy
 def test_poll_time_is_never_read_half_written() -> None:
     """A poll time that was read as 0 stopped an arm although its program polled."""
     state = SharedState()

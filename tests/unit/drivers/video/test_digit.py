@@ -68,7 +68,6 @@ def test_frames_after_the_green_ones_are_upright_and_keep_the_received_bytes(dig
     assert np.abs(frame.image.astype(int) - np.rot90(drawn(frame.time_ns), 2).astype(int)).mean() > 10.0
 
 
-@pytest.mark.slow
 def test_every_served_frame_arrives_once_at_the_rate(server: MjpegServer, digit: Digit) -> None:
     frames = [digit.next_frame(1.0) for _ in range(60)]
     numbers = [frame.sequence for frame in frames]
@@ -149,7 +148,6 @@ def test_dropped_frames_leave_gaps_and_frozen_ones_are_counted(server: MjpegServ
     assert digit.counters()["frozen"] == 6
 
 
-@pytest.mark.slow
 def test_lost_sensor_is_reopened_and_its_sequence_continues(server: MjpegServer, digit: Digit) -> None:
     before = digit.next_frame(1.0)
     server.inject("disconnect")

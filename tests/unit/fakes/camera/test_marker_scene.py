@@ -63,6 +63,7 @@ def edge_errors_px(picture, corners):
     return np.array(errors)
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("k1", [0.0, -0.2])
 def test_drawn_edges_match_the_ground_truth(k1):
     scene = MarkerScene(focal_px=700, unit_seed=1, noise_grey=0.0, k1=k1)

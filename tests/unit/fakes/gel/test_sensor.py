@@ -40,7 +40,7 @@ def axis_deg(mask: np.ndarray, sensor: GelSensor) -> float:
     return float((np.degrees(-np.arctan2(dy, dx)) + 90.0) % 180.0 - 90.0)
 
 
-@pytest.mark.slow
+@pytest.mark.heavy
 @given(st.floats(-80.0, 80.0), st.floats(-8.0, 8.0), st.sampled_from([1, 2, 3]))
 def test_mask_turns_with_the_object_counter_clockwise_as_seen(start: float, turn: float, unit: int) -> None:
     sensor = GelSensor(unit)

@@ -49,6 +49,7 @@ def test_film_wider_than_the_familys_smooths_the_rim_of_a_look(pressed: Imprint,
     assert steepest < 0.9 * before if film_px > 5 else np.array_equal(dent, sharp)
 
 
+@pytest.mark.heavy
 def test_training_frames_are_reproducible_and_have_labels() -> None:
     made = [simulated_examples(["2", "7"], 14, seed, (60, 80), random_share=0.5) for seed in (1, 1, 2)]
     np.testing.assert_array_equal(made[0].frames, made[1].frames)

@@ -1,7 +1,5 @@
 """Simulated lifts: hard ones turn by the true angle, easy ones are those of earlier versions."""
 
-import hashlib
-
 import cv2
 import numpy as np
 import pytest
@@ -23,11 +21,14 @@ SHAPE, MM_PER_PX = (320, 240), (0.06, 0.06)
 BULGE = Bulge((60.0, 30.0), 25.0)
 PAD = GelPad(SHAPE, MM_PER_PX, variation=Variation(film_px=3))
 TIMES_S = (0.1, 0.4, 0.9, 1.6, 2.4)
-GOLDEN = {
-    ("SIM-D0001", 1, "t1"): "b3e590f828570d6c",
-    ("SIM-D0002", -1, "t5"): "37e52a0327b0eb28",
+STORED_SUMS = {
+    ("SIM-D0001", 1, "t1"): [5921, 49527, 167357, 77341],
+    ("SIM-D0002", -1, "t5"): [6592, 36880, 127886, 62278],
 }
-"""Of frames drawn before there were hard lifts."""
+"""`signed_sums` of frames drawn before there were hard lifts."""
+MOST_ROUNDED = 200
+"""Grey values, of 1,152,000, that another processor may round to the next one. Code of NumPy, OpenCV and
+OpenBLAS for processors without AVX rounds 11."""
 
 
 def digit(name: str, serial: str, side: int, difficulty: Difficulty = "easy", seed: int = 1) -> FakeDigit:
@@ -61,11 +62,20 @@ def turned(field: np.ndarray, angle_deg: float) -> np.ndarray:
     return cv2.warpAffine(field, cv2.getRotationMatrix2D(middle, angle_deg, 1.0), (columns, rows))
 
 
-@pytest.mark.parametrize("unit", GOLDEN)
-def test_frames_of_easy_lifts_have_the_stored_checksums(unit: tuple[str, int, str]) -> None:
+def signed_sums(images: list[np.ndarray]) -> list[int]:
+    """Return four sums of all grey values with random signs.
+
+    A grey value that changes by 1 changes each sum by 1, but other noise in all of them by thousands.
+    """
+    values = np.array(images, np.int64).ravel()
+    return [int(values @ np.random.default_rng(n).choice([-1, 1], values.size)) for n in range(4)]
+
+
+@pytest.mark.parametrize("unit", STORED_SUMS)
+def test_frames_of_easy_lifts_have_the_stored_sums(unit: tuple[str, int, str]) -> None:
     serial, side, name = unit
-    drawn = b"".join(frame.tobytes() for frame in frames(digit(name, serial, side)))
-    assert hashlib.sha256(drawn).hexdigest()[:16] == GOLDEN[unit]
+    sums = signed_sums(frames(digit(name, serial, side)))
+    assert sums == pytest.approx(STORED_SUMS[unit], abs=MOST_ROUNDED)
 
 
 def test_hard_lift_is_determined_by_its_seed() -> None:

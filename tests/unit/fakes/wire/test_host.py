@@ -90,7 +90,7 @@ RUBBISH: tuple[tuple[dict[str, Any], str], ...] = (
 )
 
 
-@pytest.mark.slow
+@pytest.mark.heavy
 def test_invalid_side_channel_requests_disturb_nothing() -> None:
     with hosted_fakes(load_bench("wire"), host=None) as (served, fakes):
         control = fakes_control(served)
@@ -106,7 +106,7 @@ def test_invalid_side_channel_requests_disturb_nothing() -> None:
     assert time.monotonic() - began < 5.0
 
 
-@pytest.mark.slow
+@pytest.mark.heavy
 def test_failed_part_ends_the_fakes_with_its_reason() -> None:
     with hosted_fakes(load_bench("wire"), host=None) as (_, fakes):
         fakes._world.seed = 1.5  # type: ignore[assignment] - no sensor can be drawn with it
@@ -166,11 +166,12 @@ def test_printed_bench_file_is_read_back_with_its_addresses(transport: str, tmp_
     assert again.simulated
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize(
     "gripper",
     [
-        pytest.param({"fingers": ("A", "B")}, marks=pytest.mark.long),
-        pytest.param({"fingers": ("C", "A"), "preset": "tcp-2014"}, marks=pytest.mark.long),
+        pytest.param({"fingers": ("A", "B")}, marks=pytest.mark.heavy),
+        pytest.param({"fingers": ("C", "A"), "preset": "tcp-2014"}, marks=pytest.mark.heavy),
         {"fingers": ("A", "C"), "transport": "rtu"},
     ],
 )

@@ -18,6 +18,7 @@ def bench_with(change: Callable[[dict[str, Any]], None]) -> BenchConfig:
     return BenchConfig.model_validate(values)
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize(
     ("limits", "said"),
     [

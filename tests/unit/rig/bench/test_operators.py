@@ -91,6 +91,7 @@ def test_nothing_is_connected_before_consent_and_the_question_shows_the_speed_sl
     assert asked[0].endswith("\nThe arm will move. Begin?")
 
 
+@pytest.mark.heavy
 def test_second_program_on_a_bench_is_refused_before_any_device_is_read(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
@@ -155,6 +156,7 @@ def test_protective_stop_is_released_only_after_an_inspection() -> None:
         assert bench.arm.state().mode is ArmMode.RUNNING
 
 
+@pytest.mark.heavy
 def test_objects_are_asked_for_when_they_change_and_after_a_fall(monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[str] = []
     operator = ConsoleOperator(lambda question: not asked.append(question))
@@ -188,6 +190,7 @@ def test_agreement_in_advance_covers_only_the_first_object() -> None:
     assert len(asked) == 2
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize(
     ("remembered", "why", "asked"),
     [

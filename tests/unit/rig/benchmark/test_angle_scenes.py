@@ -3,12 +3,13 @@
 import pytest
 
 from rig.benchmark.calibration import study
-from support.marks import long
+from support.marks import heavy
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize(
     "scene",
-    [study.AngleScene(hidden=0.06), *long(study.AngleScene(24.0), study.AngleScene(jpeg=80))],
+    [study.AngleScene(hidden=0.06), *heavy(study.AngleScene(24.0), study.AngleScene(jpeg=80))],
     ids=str,
 )
 def test_angle_of_a_scene_is_answered_and_accurate(scene: study.AngleScene) -> None:
@@ -19,6 +20,7 @@ def test_angle_of_a_scene_is_answered_and_accurate(scene: study.AngleScene) -> N
     assert row.rms_deg < 0.05
 
 
+@pytest.mark.heavy
 def test_printed_markers_turn_less_by_edges_in_real_photographs(real_data) -> None:
     limits = study.real_marker_limits(real_data)
     assert not [limit for limit in limits if limit.met is False]  # among them, that every corner is found

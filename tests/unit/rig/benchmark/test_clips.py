@@ -67,6 +67,7 @@ def labels_text(labels: list[tuple[int, float]], columns: str = COLUMNS) -> str:
     return columns + "\n" + "".join(f"9,{frame},{angle},0.5\n" for frame, angle in labels)
 
 
+@pytest.mark.heavy
 def test_clips_of_frames_and_videos_are_read_with_their_groups(clips: Path) -> None:
     found = read_clips(clips)
     assert [(clip.name, clip.group) for clip in found] == [("frames_clip", "clean"), ("video_clip", "coded")]
@@ -113,6 +114,7 @@ def test_wrapped_labels_are_unwrapped_and_large_turns_kept_with_a_note(
     assert bool(note) == bool(caplog.text)
 
 
+@pytest.mark.heavy
 def test_known_rotations_are_measured(clips: Path) -> None:
     report = measure(ClipsOptions(clips, ["slip", "pca"], limits=True), Run())
     rows = report.tables[1].records
@@ -195,6 +197,7 @@ def test_invalid_labels_and_contacts_are_named(
         read_clips(tmp_path)
 
 
+@pytest.mark.heavy
 def test_clip_that_is_a_ros_bag_is_read_as_its_frames(clips: Path, tmp_path: Path) -> None:
     shutil.copytree(
         clips / "frames_clip", tmp_path / "clip", ignore=shutil.ignore_patterns("frames", "times*")
@@ -222,6 +225,7 @@ def test_folders_without_clips_are_named(tmp_path: Path) -> None:
         read_clips(tmp_path)
 
 
+@pytest.mark.heavy
 def test_command_writes_page_json_and_table_and_exits_with_4(clips: Path, tmp_path: Path) -> None:
     begin, end = markers("clips")
     readme = tmp_path / "README.md"
@@ -250,6 +254,7 @@ def test_command_writes_page_json_and_table_and_exits_with_4(clips: Path, tmp_pa
     assert "limit missed: mean error up to 30 degrees" in missed.stderr
 
 
+@pytest.mark.heavy
 def test_only_given_limits_apply_to_user_clips(clips: Path, tmp_path: Path) -> None:
     own = ["benchmark", "clips", str(clips / "frames_clip"), "--estimator", "skeleton"]
     page = tmp_path / "page"
@@ -264,6 +269,7 @@ def test_only_given_limits_apply_to_user_clips(clips: Path, tmp_path: Path) -> N
     assert "time per frame" not in judged.stderr
 
 
+@pytest.mark.heavy
 def test_contacts_add_two_columns_and_limits(clips: Path, blank: NDArray[np.uint8], tmp_path: Path) -> None:
     clip = shutil.copytree(clips / "frames_clip", tmp_path / "frames_clip")
     (clip / "contacts.csv").write_text(SPANS + "0,4,no\n5,9,yes\n10,24,yes\n")
@@ -284,6 +290,7 @@ def test_contacts_add_two_columns_and_limits(clips: Path, blank: NDArray[np.uint
     assert missed.stderr.count("limit missed") == 2
 
 
+@pytest.mark.heavy
 def test_clip_without_contacts_has_no_contact_columns_and_misses_their_limits(clips: Path) -> None:
     report = measure(ClipsOptions(clips / "frames_clip", ["pca"], empty=0.05, held=0.95), Run())
     assert not any("as contact" in column for column in report.tables[1].columns)
@@ -340,6 +347,7 @@ def test_reversed_version_starts_at_the_last_labelled_frame(clips: Path) -> None
     assert (last.reference_frame, last.labels) == (0, (ClipLabel(15, -5.0, 1.0),))
 
 
+@pytest.mark.heavy
 def test_augmented_clips_have_a_row_per_version_and_all_count_for_limits(clips: Path) -> None:
     options = ClipsOptions(clips, ["slip"], augment="mirror,flip,reverse", within=0.99)
     report = measure(options, Run())
@@ -361,7 +369,7 @@ def test_real_clip_is_measured_within_three_degrees(real_clips: Path, tmp_path: 
     assert score.mean_deg < 3.0
 
 
-@pytest.mark.long
+@pytest.mark.heavy
 @pytest.mark.timeout(600)
 def test_real_clips_of_the_validation_group_meet_every_limit(real_clips: Path) -> None:
     options = ClipsOptions(real_clips, ["slip"], groups=GROUPS, group="validation", limits=True)

@@ -72,6 +72,7 @@ def test_row_of_cells_contains_dataclasses_and_optional_columns() -> None:
     assert table_of("Squares", [row(None)]).columns == ("pair", "number", "its square")
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("jobs", [1, 2])
 def test_results_have_the_order_of_the_cases(jobs: int) -> None:
     assert [row.number for row in Run(jobs=jobs).each(square, [3, 1, 2])] == [3, 1, 2]

@@ -50,7 +50,7 @@ def test_failed_call_is_counted_and_functions_are_restored(work: ModuleType) -> 
     assert work.fails is before
 
 
-@pytest.mark.slow
+@pytest.mark.heavy
 def test_account_has_every_part_of_a_lift(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(study, "load_bench", lighter)
     before = SlipEstimator._estimate

@@ -83,6 +83,7 @@ def tiny(clone: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Public
     return PublicSet("tiny", "a drawn sensor", "example/tiny", commit, "MIT", tmp_path)
 
 
+@pytest.mark.heavy
 def test_clips_are_made_in_the_cache_with_the_pixels_of_the_commit(
     tiny: PublicSet, clone: Path, frames: list[Image], blank: Image, tmp_path: Path
 ) -> None:
@@ -101,6 +102,7 @@ def test_clips_are_made_in_the_cache_with_the_pixels_of_the_commit(
     assert np.array_equal(movie.background, source[0])
 
 
+@pytest.mark.heavy
 def test_only_other_labels_give_another_folder(tiny: PublicSet, clone: Path, tmp_path: Path) -> None:
     folder = make_clips(tiny, clone)
     later = tmp_path / "later"
@@ -167,6 +169,7 @@ def test_unsuitable_environment_is_named(
         make_clips(tiny, tmp_path / "plain" if variable == "GIT_DIR" else clone)
 
 
+@pytest.mark.heavy
 def test_command_scores_the_set_and_prints_its_row_of_the_readme(
     tiny: PublicSet, clone: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -239,7 +242,7 @@ def test_real_clones_give_the_labelled_frames(
         assert np.array_equal(read_image(clip / "background.png"), read_image(labelled / "background.png"))
 
 
-@pytest.mark.long
+@pytest.mark.heavy
 @pytest.mark.timeout(600)
 @pytest.mark.parametrize("name", SETS)
 def test_rows_of_the_readme_are_what_the_command_prints(name: str, real_clones: dict[str, Path]) -> None:

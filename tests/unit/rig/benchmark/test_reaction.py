@@ -38,6 +38,7 @@ def report() -> Report:
         return measure(ReactionOptions(objects=["t2"], lifts=1, wire_lifts=0), Run(jobs=1))
 
 
+@pytest.mark.heavy
 def test_reaction_catches_a_lift_that_slips_without(report: Report) -> None:
     everything, row = report.tables[0].records
     assert everything == row | {"object_id": "all"}
@@ -50,6 +51,7 @@ def test_reaction_catches_a_lift_that_slips_without(report: Report) -> None:
     assert not lift["without"]["reactions"]
 
 
+@pytest.mark.heavy
 def test_limits_without_lifts_that_hold_are_neither_kept_nor_missed(report: Report) -> None:
     met = {limit.name.split(",")[0]: limit.met for limit in report.limits}
     assert met["share of slipping lifts caught"] is True

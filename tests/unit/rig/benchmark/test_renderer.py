@@ -66,6 +66,7 @@ def drawn() -> renderer.DrawnLift:
         return renderer.answer_lift([choose_estimator("slip")], BLADE)["slip"]
 
 
+@pytest.mark.heavy
 def test_lift_is_scored_as_in_a_trial(drawn: renderer.DrawnLift) -> None:
     assert drawn.kind == "blade"
     assert drawn.score.answered > 0.95
@@ -74,5 +75,6 @@ def test_lift_is_scored_as_in_a_trial(drawn: renderer.DrawnLift) -> None:
     assert drawn.score.wrong == 0
 
 
+@pytest.mark.heavy
 def test_table_has_a_row_for_each_kind_of_face(drawn: renderer.DrawnLift) -> None:
     assert [row[1] for row in renderer.face_table({"slip": [drawn]}).rows] == ["all", "blade"]

@@ -18,7 +18,7 @@ def lift(error_deg: float, sigma_deg: float) -> SeedLift:
     return SeedLift(0, score_series("7/1", angles, [sigma_deg] * 4, truth), 30.0)
 
 
-@pytest.mark.slow
+@pytest.mark.heavy
 def test_seeds_resume_and_keep_no_recordings(light_bench_file: Path, tmp_path: Path) -> None:
     one_lift = SeedsOptions(bench=str(light_bench_file), objects=["7"], lifts=1)
     done: list[str] = []

@@ -27,7 +27,7 @@ import time
 from types import SimpleNamespace
 
 class Estimator:
-    def update(self, image, time_ns):
+    def update(self, image, time_s):
         if image.min() == 255:
             raise ValueError("a frame on which this version fails")
         since = time.process_time()
@@ -35,10 +35,7 @@ class Estimator:
             pass
         return SimpleNamespace(state=SimpleNamespace(value="tracking" if image.max() else "no_contact"))
 
-def choose_estimator(name):
-    return SimpleNamespace(make=lambda background, aspect, sign: Estimator())
-
-def estimator(name, background):
+def estimator(name, background, pixel_aspect=None, sign=1):
     return Estimator()
 """
 """Module `rig.tactile.estimators` of another version, whose estimator takes a known time."""
@@ -149,6 +146,7 @@ def rows(clips: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Mea
     return {row.name: row for row in study.measure(few, Run(jobs=1)).limits}
 
 
+@pytest.mark.heavy
 def test_known_clip_meets_limits(rows: dict[str, Measured], clips: Path) -> None:
     labels = 4 * len(read_clips(clips)[0].labels)
     for name in ("within 3 degrees or 2 label sigmas", "useful"):
@@ -159,6 +157,7 @@ def test_known_clip_meets_limits(rows: dict[str, Measured], clips: Path) -> None
     assert rows["largest change between two frames of clips, degrees per second"].met
 
 
+@pytest.mark.heavy
 def test_missing_data_are_named(rows: dict[str, Measured]) -> None:
     missing = {row.name: row.asked for row in rows.values() if row.asked.startswith("no data")}
     assert missing == {
@@ -171,6 +170,7 @@ def test_missing_data_are_named(rows: dict[str, Measured]) -> None:
     }
 
 
+@pytest.mark.heavy
 def test_limits_of_times_are_relative_to_another_version(rows: dict[str, Measured]) -> None:
     times = [row for row in rows.values() if row.name.startswith("clips, ms per frame")]
     assert [row.asked for row in times] == [""] * 4
@@ -181,6 +181,7 @@ def test_limits_of_times_are_relative_to_another_version(rows: dict[str, Measure
     assert ratios[0].value == pytest.approx(own / other)
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize(("options", "code"), [((), 0), (("--limits",), 4)])
 def test_missed_limits_end_with_exit_code_4_on_request(options: tuple[str, ...], code: int) -> None:
     command = ["benchmark", "slip", "--lifts", "0", "--drawn", "0", "--json", *options]

@@ -97,6 +97,7 @@ def parameters_restored() -> Iterator[None]:
     use(shipped())
 
 
+@pytest.mark.heavy
 def test_penalty_of_stored_cases_depends_on_the_parameters(tmp_path: Path) -> None:
     case = study.store(study.Case(study.Kind.CLIP, "clip", tmp_path / "clip"), study.clip_lift(clip("clip")))
     assert case.stored
@@ -107,6 +108,7 @@ def test_penalty_of_stored_cases_depends_on_the_parameters(tmp_path: Path) -> No
     assert study.penalty((vague, case)) > usual
 
 
+@pytest.mark.heavy
 def test_rendered_lift_is_scored_at_both_fingertips_and_fused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -117,6 +119,7 @@ def test_rendered_lift_is_scored_at_both_fingertips_and_fused(
     assert study.penalty((shipped(), case)) < 4.0
 
 
+@pytest.mark.heavy
 def test_fit_keeps_what_it_has_tried_and_goes_on_with_resume(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -74,6 +74,7 @@ def test_conditions_have_unique_names_and_all_have_tasks() -> None:
     assert set(stress.stress_tasks()) == {(c.group, contact) for c in CONDITIONS for contact in c.contacts}
 
 
+@pytest.mark.heavy
 def test_rotation_is_followed_and_a_ball_is_refused() -> None:
     turning = stress_rows(run_stress(0, ("slip",), ("size", "t1:1")))
     ours = {row.condition: row.score for row in turning if row.estimator == "slip"}

@@ -56,6 +56,7 @@ def report(tmp_path_factory: pytest.TempPathFactory) -> Report:
         return measure(TrialsOptions(lifts=1, objects=["t3"]), Run(jobs=1, folder=folder))
 
 
+@pytest.mark.heavy
 def test_every_system_is_scored_on_the_same_frames(report: Report) -> None:
     assert report.figures["not_trained"] == ("deeplabv3plus", "unetplusplus")
     assert 15 <= report.figures["frames"] <= 40
@@ -70,6 +71,7 @@ def test_every_system_is_scored_on_the_same_frames(report: Report) -> None:
     assert still["mare"]["mean_deg"] > 4.0 * best["mare"]["mean_deg"]
 
 
+@pytest.mark.heavy
 def test_tables_mark_simulated_figures_and_networks_not_trained(report: Report) -> None:
     three, four = report.tables
     assert all(table.title.startswith("SIMULATED") for table in (three, four))

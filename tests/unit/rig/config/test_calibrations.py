@@ -218,7 +218,7 @@ def test_measured_openings_are_extrapolated_with_the_nominal_slope() -> None:
         assert 6 + spec.step_at(opening_m) == counts
 
 
-@pytest.mark.slow
+@pytest.mark.heavy
 def test_lift_with_calibrations_replays_identically(
     light_bench: BenchConfig, two_lifts: Path, tmp_path: Path
 ) -> None:
@@ -238,7 +238,7 @@ def test_lift_with_calibrations_replays_identically(
     assert calibrated.mare != summarize_trial(read_lifts(two_lifts)[:1]).mare
     kept = read_manifest_of(tmp_path / "calibrated", TrialManifest, "no trial")
     assert kept.calibration["camera-SIM-C0001"].sha256 == "ab" * 32
-    assert run_replay(stored_trial(tmp_path / "calibrated"), jobs=1).identical == 1
+    assert run_replay(stored_trial(tmp_path / "calibrated"), jobs=1).agreement == (1, 1, 0.0)
 
 
 def with_gel(folder: Path, name: str, simulated: bool = True) -> BenchConfig:
@@ -263,6 +263,17 @@ def test_gel_named_in_the_bench_file_is_stored_for_a_replay(tmp_path: Path) -> N
     assert (look.shape, look.mm_per_px) == ((320, 240), (0.05, 0.06))
     assert [file.verdict for file in bench.calibrations.files.values()] == ["good"]
     assert not load_bench("fake").gel_looks()
+
+
+@pytest.mark.parametrize(("kind", "device"), [("gripper", "gripper"), ("tcp", "tool"), ("camera", "camera")])
+def test_calibration_of_simulated_devices_is_refused_for_real_ones(
+    tmp_path: Path, kind: str, device: str
+) -> None:
+    real = BenchConfig.model_validate({**load_bench("wire").model_dump(), "fakes": None})
+    name = real.camera.serial if kind == "camera" else real.name
+    keep(tmp_path, kind, {device: name}, {})
+    with pytest.raises(CalibrationError, match="made on simulated devices"):
+        find_calibrations(real, tmp_path)
 
 
 def test_calibration_of_a_simulated_or_another_sensor_is_refused_for_a_real_one(tmp_path: Path) -> None:

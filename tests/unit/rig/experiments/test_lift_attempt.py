@@ -65,8 +65,8 @@ def test_reaction_uses_the_largest_grip_of_a_user_defined_object(
     assert reactions[0].largest_grip_steps == 17
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("estimator", ["toskov", pytest.param("slip", marks=pytest.mark.long)])
+@pytest.mark.heavy
+@pytest.mark.parametrize("estimator", ["toskov", pytest.param("slip", marks=pytest.mark.heavy)])
 def test_lift_of_an_arm_without_force_sensor_is_recorded_without_a_wrench(
     light_bench: BenchConfig, tmp_path: Path, estimator: str
 ) -> None:

@@ -56,6 +56,7 @@ def bag1(path: Path, kind: str, data: bytes) -> Path:
     return path
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("data", [ZEROS, np.random.default_rng(1).bytes(3_000_000)])
 @pytest.mark.parametrize(
     "name",
@@ -97,6 +98,7 @@ def frame_of(kind: str, data: bytes) -> bytes:
     return zstandard.ZstdCompressor(write_content_size=False).compress(data)
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("kind", ["bz2", "lz4", "zstd"])
 def test_size_is_counted_without_decompressing_everything(kind: str) -> None:
     bomb = frame_of(kind, bytes(40_000_000)) * 8

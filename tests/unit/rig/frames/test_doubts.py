@@ -41,6 +41,7 @@ def warnings(images: Sequence[Image], background: Image | None, path: Path) -> l
     return list(Estimation(choose_estimator("ellipse"), spec).of_series(series(images)).doubts)
 
 
+@pytest.mark.heavy
 def test_a_sound_background_raises_no_doubt(lift: list[Image], blank: Image, tmp_path: Path) -> None:
     assert warnings(lift, blank, tmp_path) == []
     assert warnings(lift, None, tmp_path) == []
@@ -48,6 +49,7 @@ def test_a_sound_background_raises_no_doubt(lift: list[Image], blank: Image, tmp
     assert background_doubts("first:6", background, series(lift)) == []
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("place", [6, 10, 15])
 def test_a_background_with_a_contact_in_it_is_named(lift: list[Image], place: int, tmp_path: Path) -> None:
     (doubt,) = warnings(lift, lift[place], tmp_path)

@@ -22,9 +22,11 @@ from rig.python.fingertip import BACKGROUND_FRAMES, LiveFingertip
 from rig.tactile.estimators import ESTIMATORS, TOSKOV, choose_estimator
 from support.command_line import rig as command
 from support.desk_frames import GivenFrames
-from support.marks import long
+from support.marks import heavy
 from support.played_sensor import play
 from support.recordings import written_again
+
+pytestmark = pytest.mark.heavy
 
 RATE_HZ = 60.0
 UNTOUCHED, LIVE, FROZEN, AFTER = 20, 50, 60, 60
@@ -58,7 +60,7 @@ def require_frozen(states: list[str], angles: list[float | None]) -> None:
 
 
 @pytest.mark.parametrize(
-    "name", [*SOME_ESTIMATORS, *long(*(n for n in ESTIMATORS if n not in (TOSKOV, *SOME_ESTIMATORS)))]
+    "name", [*SOME_ESTIMATORS, *heavy(*(n for n in ESTIMATORS if n not in (TOSKOV, *SOME_ESTIMATORS)))]
 )
 def test_every_estimator_refuses_a_frozen_sensor(name: str) -> None:
     estimator = choose_estimator(name).make(gel(320, 240))

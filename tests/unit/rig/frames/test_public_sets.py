@@ -16,7 +16,7 @@ from rig.frames.series import make_background, read_frames
 from support.command_line import rig
 from support.public_sets import about_z, turns_deg, write_trial
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.heavy
 
 
 @pytest.fixture(scope="module")

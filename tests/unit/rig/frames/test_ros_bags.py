@@ -165,7 +165,7 @@ def test_bags_cut_short_are_rejected_with_the_cure(
         list(read_frames(path))
 
 
-@pytest.mark.slow
+@pytest.mark.heavy
 @fuzzed()
 @given(data=st.data())
 @pytest.mark.parametrize("ending", [".mcap", ".db3", ".bag"])

@@ -15,6 +15,8 @@ from drivers.errors import InputError
 from rig.frames.stages import BAND_PX, GAP_PX, PANEL_HEIGHT_PX, explained_lift, stages_picture
 from support.command_line import rig
 
+pytestmark = pytest.mark.heavy
+
 FEATURES = features(np.zeros((1, 3)), np.zeros((1, 2)), (320, 240)).shape[1]
 STORED = Path(__file__).resolve().parents[3] / "data" / "stored_trial"
 

@@ -216,6 +216,7 @@ def turning(press: Callable[..., Image]) -> tuple[list[Image], list[float]]:
     return [press(20.0 + angle, seed=i, half_axes=(80.0, 25.0)) for i, angle in enumerate(angles)], angles
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize(("name", "error_deg"), [("slip", 0.5), ("pca", 2.0), ("ecc", None)])
 @pytest.mark.parametrize("step_s", [1.0, 16.667])
 def test_frames_far_apart_are_answered_with_a_warning_unless_neighbours_are_compared(
@@ -237,6 +238,7 @@ def test_frames_far_apart_are_answered_with_a_warning_unless_neighbours_are_comp
         np.testing.assert_allclose(found.angle_deg[12:], angles[12:], atol=error_deg)
 
 
+@pytest.mark.heavy
 def test_repeated_time_is_never_tracking(
     turning: tuple[list[Image], list[float]], blank: Image, caplog: pytest.LogCaptureFixture
 ) -> None:

@@ -16,7 +16,7 @@ from rig.labels.angle_server import AngleServer
 from support.angle_clips import FIRST_CONTACT, ask, true_ends, write_clip
 from support.browser import NEEDS_CHROMIUM, Browser
 
-pytestmark = [NEEDS_CHROMIUM, pytest.mark.slow]
+pytestmark = NEEDS_CHROMIUM
 FRAMES = [2, 8, 13]
 IDLE = (
     "(async () => { await queue; await picture.decode().catch(() => 0); return at('said').textContent; })()"

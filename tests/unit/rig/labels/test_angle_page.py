@@ -70,12 +70,14 @@ def page(clip: Path) -> Asked:
     return Asked(clip)
 
 
+@pytest.mark.heavy
 def test_frames_are_chosen_evenly_from_the_first_contact_on(clip: Path) -> None:
     assert opened(clip).choice == FrameChoice(2, (2, 6, 9, 13))
     assert opened(clip, 100).choice.frames == tuple(range(2, 14))
     assert opened(clip, 3, reference=7).choice == FrameChoice(7, (7, 10, 13))
 
 
+@pytest.mark.heavy
 def test_proposes_the_zero_of_rig_estimate_as_reference(clip: Path, press: Draw, blank: Image) -> None:
     for number in range(2, 34):
         share = {2: 0.5, 3: 0.8}.get(number, 1.0)
@@ -89,6 +91,7 @@ def test_proposes_the_zero_of_rig_estimate_as_reference(clip: Path, press: Draw,
     assert estimated.reference_time_s == pytest.approx(choice.reference / 60, abs=1e-6)
 
 
+@pytest.mark.heavy
 def test_only_frames_with_contact_are_offered(clip: Path, blank: Image) -> None:
     for number in (6, 7, 8, 9):
         cv2.imwrite(str(clip / "frames" / f"{number:03d}.png"), blank[..., ::-1])
@@ -123,6 +126,7 @@ def test_clip_and_clicks_need_the_token(page: Asked) -> None:
         assert page.get(path)[0] == 404, path
 
 
+@pytest.mark.heavy
 def test_requests_under_another_name_or_from_another_site_are_refused(server: AngleServer) -> None:
     click = {"drawn_in": 0, "frame": 2, "x": 10, "y": 50}
     here = server.address.split("/#")[0]
@@ -133,6 +137,7 @@ def test_requests_under_another_name_or_from_another_site_are_refused(server: An
     assert len(ask(server.address, "clip")[1]["state"]["ends"][0]["2"]) == 1
 
 
+@pytest.mark.heavy
 def test_command_ends_if_the_process_of_the_page_has_ended(server: AngleServer) -> None:
     (process,) = [each for each in multiprocessing.active_children() if each.name == "page"]
     process.kill()

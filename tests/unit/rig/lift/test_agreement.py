@@ -24,7 +24,7 @@ from rig.sessions.records import MOST_LAG_S, Lift
 from rig.sessions.rows import read_finished_lifts
 from rig.sessions.session import read_manifest
 from rig.tactile.angles import Angles
-from support.marks import long
+from support.marks import heavy
 
 TURN_DEG = 16.0
 
@@ -140,6 +140,7 @@ def notices_of(session: Path, row: Lift, warning: str) -> list[str]:
     return [notice.what for notice in found]
 
 
+@pytest.mark.heavy
 def test_normal_lift_has_a_small_lag_and_no_warning(one_lift: Path) -> None:
     row = measured(one_lift)
     assert row.lag is not None
@@ -147,6 +148,7 @@ def test_normal_lift_has_a_small_lag_and_no_warning(one_lift: Path) -> None:
     assert lifts_csv([row]).decode().endswith(f",{row.lag.lag_s}\n")
 
 
+@pytest.mark.heavy
 def test_sigma_of_a_lift_is_that_of_its_estimate_during_phase_b(one_lift: Path) -> None:
     row = measured(one_lift)
     sigmas = sorted(row.estimate.sigma_deg[row.within("B") & np.isfinite(row.estimate.sigma_deg)])
@@ -155,6 +157,7 @@ def test_sigma_of_a_lift_is_that_of_its_estimate_during_phase_b(one_lift: Path) 
     assert f",{row.sigma_b_p95_deg}," in lifts_csv([row]).decode()
 
 
+@pytest.mark.heavy
 def test_lift_with_exchanged_fingertips_is_named_in_row_note_table_and_page(one_lift: Path) -> None:
     row = measured(one_lift, flipped=(0, 1))
     assert row.turns_against is not None
@@ -164,7 +167,8 @@ def test_lift_with_exchanged_fingertips_is_named_in_row_note_table_and_page(one_
     assert "turns against the markers" in found[0]
 
 
-@pytest.mark.parametrize(("camera", "late_s"), [(True, -0.15), *long((True, 0.2), (False, 0.2))])
+@pytest.mark.heavy
+@pytest.mark.parametrize(("camera", "late_s"), [(True, -0.15), *heavy((True, 0.2), (False, 0.2))])
 def test_lift_with_late_frames_is_named_in_row_note_table_and_page(
     one_lift: Path, camera: bool, late_s: float
 ) -> None:

@@ -16,8 +16,10 @@ from rig.frames.times import FrameTime
 from rig.sessions.rows import read_finished_lifts
 from rig.tactile.estimators import choose_estimator
 from rig.tactile.sample import State
-from support.marks import long
+from support.marks import heavy
 from support.recordings import written_again
+
+pytestmark = pytest.mark.heavy
 
 Image = NDArray[np.uint8]
 HOUR_NS = 3600 * 10**9
@@ -45,7 +47,7 @@ def test_lift_continues_and_reports_the_frame_with_jumped_time(tmp_path: Path, t
     assert len(read_finished_lifts(session)) == 1
 
 
-@pytest.mark.parametrize("name", ["slip", *long("ecc", "pca")])
+@pytest.mark.parametrize("name", ["slip", *heavy("ecc", "pca")])
 def test_frames_of_other_sources_continue_and_the_jumped_frame_is_reported(
     press: Callable[..., Image], blank: Image, name: str
 ) -> None:
@@ -71,7 +73,7 @@ def test_frames_of_other_sources_continue_and_the_jumped_frame_is_reported(
     [
         (10, 3600),
         (40, -1),
-        *long((20, -3600), (20, 1), (57, 3600)),
+        *heavy((20, -3600), (20, 1), (57, 3600)),
     ],
 )
 def test_estimator_gives_equal_angles_on_all_frames_but_the_one_with_the_wrong_time(

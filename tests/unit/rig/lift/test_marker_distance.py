@@ -49,7 +49,7 @@ def test_distance_warning_begins_at_ten_percent(
     assert distance_warning(light_bench, sides) == found
 
 
-@pytest.mark.slow
+@pytest.mark.heavy
 def test_displaced_camera_is_warned_of_in_terminal_log_and_report(
     light_bench: BenchConfig, tmp_path: Path
 ) -> None:

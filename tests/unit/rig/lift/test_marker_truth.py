@@ -74,7 +74,7 @@ class Lift:
 BLANK = np.full((480, 640, 3), 90, np.uint8)
 
 
-@pytest.mark.slow
+@pytest.mark.heavy
 @pytest.mark.parametrize("sign", [1, -1])
 @pytest.mark.parametrize("with_camera", [True, False])
 def test_slip_is_measured_within_a_twentieth_of_a_degree(scene, sign, with_camera):
@@ -91,6 +91,7 @@ def test_slip_is_measured_within_a_twentieth_of_a_degree(scene, sign, with_camer
     assert series.sigma_deg.max() < 0.1
 
 
+@pytest.mark.heavy
 def test_sigma_includes_the_camera_and_its_pose(scene):
     exact = known(scene)
     unsure = replace(exact, uncertainty=CameraUncertainty((0, 1), np.full((2, 2), 15.0**2) + np.eye(2)))

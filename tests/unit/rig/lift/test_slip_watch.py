@@ -84,6 +84,7 @@ def test_slowest_fingertip_decides_whether_the_slip_continues() -> None:
         assert (made.slip_ns() is None) is (slowest_deg_s < 4.0)
 
 
+@pytest.mark.heavy
 def test_false_alarms_from_noise_stay_below_the_requested_rate() -> None:
     """Ten minutes of rest with 1,000 permitted false alarms per hour; rearmed after each alarm."""
     made = SlipWatch(SlipSettings(false_alarms_per_hour=1000.0))

@@ -1,5 +1,6 @@
 """A clip is usable at any moment of its recording, and an interrupted one is read with notes."""
 
+import json
 import resource
 import signal
 import subprocess
@@ -21,7 +22,7 @@ from rig.live.desk import Desk, DeskSettings
 from rig.live.feed import Sender
 from rig.tactile.estimators import choose_estimator
 from support.desk_frames import GivenFrames, desk_frames
-from support.marks import long
+from support.marks import heavy
 
 GREY: Image = np.full((8, 6, 3), 128, np.uint8)
 JPEG = encode_jpeg(GREY, 80)
@@ -96,7 +97,6 @@ import sys
 from pathlib import Path
 sys.path.insert(0, {tests!r})
 from unit.rig.live.test_clip_writer import ClipWriter, GREY, frame
-from support.marks import long
 clip = ClipWriter(Path(sys.argv[1]), GREY, {{}})
 for number in range(1_000_000):
     clip.add(frame(number))
@@ -104,7 +104,8 @@ for number in range(1_000_000):
 """
 
 
-@pytest.mark.parametrize("frames", [30, *long(1, 400)])
+@pytest.mark.heavy
+@pytest.mark.parametrize("frames", [30, *heavy(1, 400)])
 def test_killed_recording_keeps_every_frame_with_its_time(tmp_path: Path, frames: int) -> None:
     code = RECORD.format(tests=str(Path(__file__).parents[3]))
     with subprocess.Popen(
@@ -177,6 +178,19 @@ def test_invalid_table_of_a_clip_is_rejected(tmp_path: Path, text: str, said: st
         read_frames(clip)
 
 
+@pytest.mark.parametrize("simulated", [True, False])
+def test_clip_says_whether_its_sensor_is_simulated(tmp_path: Path, simulated: bool) -> None:
+    settings = DeskSettings(choose_estimator("ellipse"), clips=tmp_path, simulated=simulated)
+    with Desk([GivenFrames(list(desk_frames(3.5)))], settings, Sender()) as desk:
+        while not desk.recording:
+            desk.step()
+            desk.act("record")
+        desk.step()
+    (clip,) = tmp_path.iterdir()
+    assert json.loads((clip / ABOUT).read_text())["simulated"] is simulated
+
+
+@pytest.mark.heavy
 def test_full_disk_ends_the_clip_and_the_live_view_goes_on(tmp_path: Path) -> None:
     frames = list(desk_frames(5.0))
     settings = DeskSettings(choose_estimator("ellipse"), clips=tmp_path)

@@ -22,7 +22,7 @@ from rig.live.feed import NO_FRAMES, OBJECT, Inbox, Listener, Sender
 from rig.live.sensor_background import BACKGROUND_FRAMES, store_background, stored_background
 from rig.tactile.estimators import choose_estimator
 from support.desk_frames import GivenFrames, desk_digit, desk_frames
-from support.marks import long
+from support.marks import heavy
 
 CLOCK = SystemClock()
 SLIP, ELLIPSE = choose_estimator("slip"), choose_estimator("ellipse")
@@ -39,7 +39,8 @@ def readings(sensor: DeskSensor, until_s: float, side: int = 1) -> list[Reading]
     return [sensor.take(frame, CLOCK) for frame in desk_frames(until_s, side)]
 
 
-@pytest.mark.parametrize("side", [-1, *long(1)])
+@pytest.mark.heavy
+@pytest.mark.parametrize("side", [-1, *heavy(1)])
 def test_angle_follows_the_object_from_the_moment_the_contact_has_settled(side: int) -> None:
     shown = readings(DeskSensor("D", SLIP, side, None, None), 8.0, side)
     assert [r.state for r in shown[:BACKGROUND_FRAMES]] == ["taking the background"] * BACKGROUND_FRAMES
@@ -76,7 +77,8 @@ def test_frames_are_shown_while_the_estimator_is_prepared() -> None:
     assert all(r.frame is not None for r in shown)
 
 
-@pytest.mark.parametrize("with_jpeg", [True, *long(False)])
+@pytest.mark.heavy
+@pytest.mark.parametrize("with_jpeg", [True, *heavy(False)])
 def test_clip_has_the_frames_unchanged_and_gives_the_angles_of_the_live_view(
     tmp_path: Path, with_jpeg: bool
 ) -> None:
@@ -124,6 +126,7 @@ class Unplugged(GivenFrames):
         return super().next_frame(timeout_s)
 
 
+@pytest.mark.heavy
 def test_slip_alarm_of_the_object_ends_with_the_sensor_that_raised_it_and_its_angle_with_both() -> None:
     untouched = list(desk_frames(2.9))
     other = [
@@ -163,7 +166,7 @@ def test_saved_frames_of_a_sensor_that_was_unplugged_are_of_the_last_30_s_too(tm
     assert counts == {"D1": 11, "D2": 31}
 
 
-@pytest.mark.slow
+@pytest.mark.heavy
 def test_two_sensors_give_one_angle() -> None:
     pairs = {f"D{side}": list(desk_frames(7.5, side)) for side in (1, -1)}
     sources = [GivenFrames(frames, name) for name, frames in pairs.items()]
@@ -179,6 +182,7 @@ def test_two_sensors_give_one_angle() -> None:
     assert last.sigma_deg is not None
 
 
+@pytest.mark.heavy
 def test_user_can_set_reference_background_and_estimator() -> None:
     frames = list(desk_frames(5.5))
     with Desk([GivenFrames(frames)], DeskSettings(SLIP), Sender()) as desk:
@@ -226,6 +230,7 @@ def lab(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("collecting", [True, False])
 def test_estimator_that_is_not_offered_or_cannot_be_made_is_refused_and_the_view_goes_on(
     lab: Path, collecting: bool
@@ -284,6 +289,7 @@ def acted(desk: Desk, action: str) -> str:
     return desk.notice
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("with_jpeg", [True, False])
 def test_saved_clip_has_the_newest_frames_unchanged_also_during_a_recording(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, with_jpeg: bool
@@ -316,6 +322,7 @@ def test_saved_clip_has_the_newest_frames_unchanged_also_during_a_recording(
     assert len((recorded / "marks.csv").read_text().splitlines()) == 2
 
 
+@pytest.mark.heavy
 def test_frames_that_are_kept_for_saving_are_bounded_in_bytes(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -402,6 +409,7 @@ def released() -> list[Frame]:
     return list(desk_frames(17.5, from_s=16.0))
 
 
+@pytest.mark.heavy
 def test_background_taken_during_a_contact_is_named_until_it_is_taken_again() -> None:
     sensor = tip()
     (news,) = notices(sensor, pressed())
@@ -413,6 +421,7 @@ def test_background_taken_during_a_contact_is_named_until_it_is_taken_again() ->
     assert sensor.take(pressed()[0], CLOCK).doubt == ""
 
 
+@pytest.mark.heavy
 def test_given_background_with_a_weak_contact_is_named_when_the_object_is_lifted() -> None:
     empty, contact = released()[0].image, pressed()[0].image
     weak = (0.75 * empty + 0.25 * contact).astype(np.uint8)
@@ -422,6 +431,7 @@ def test_given_background_with_a_weak_contact_is_named_when_the_object_is_lifted
     assert news == DOUBT
 
 
+@pytest.mark.heavy
 def test_background_is_stored_for_its_serial_and_used_at_the_next_start(state_home: Path) -> None:
     first = notices(tip("D20001"), released())
     assert first == ["background taken and stored for serial D20001; press an object on the gel"]
@@ -444,6 +454,7 @@ def test_background_is_stored_for_its_serial_and_used_at_the_next_start(state_ho
     assert on_the_gel.background.doubt == ""
 
 
+@pytest.mark.heavy
 @pytest.mark.usefixtures("state_home")
 def test_outdated_or_doubtful_stored_background_is_replaced() -> None:
     empty = released()[0].image
@@ -463,6 +474,7 @@ def test_outdated_or_doubtful_stored_background_is_replaced() -> None:
     assert stored_background("D20001") is None, "a contact is not stored"
 
 
+@pytest.mark.heavy
 def test_backgrounds_of_similar_serials_differ_and_one_that_cannot_be_stored_is_used(
     state_home: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -486,6 +498,7 @@ def test_source_named_as_the_fused_angle_and_background_of_another_size_are_refu
         readings(tip(background=np.zeros((240, 320, 3), np.uint8)), 2.1)
 
 
+@pytest.mark.heavy
 def test_end_of_a_source_names_its_frames() -> None:
     frames = list(desk_frames(6.0))
     with Desk([GivenFrames(frames)], DeskSettings(SLIP), Sender()) as desk:

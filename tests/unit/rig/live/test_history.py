@@ -88,6 +88,7 @@ def test_points_and_images_older_than_ten_minutes_are_removed() -> None:
     assert sensor.past(numbers[-1] + 1) is None
 
 
+@pytest.mark.heavy
 def test_fast_sensors_and_large_images_keep_less_time(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(state, "KEPT_PICTURE_BYTES", 10_000)
     sensor = filled(20.0, jpeg=bytes(1000))
@@ -205,6 +206,7 @@ def recorded(folder: Path) -> Path:
     return folder
 
 
+@pytest.mark.heavy
 def test_stored_clip_has_the_angles_of_rig_estimate(tmp_path: Path) -> None:
     clip = recorded(tmp_path / "clip")
     done = Estimation(choose_estimator("ellipse")).of_series(read_frames(clip))
@@ -228,6 +230,7 @@ def test_stored_clip_has_the_angles_of_rig_estimate(tmp_path: Path) -> None:
     assert found["contact"] == times_s[states.index("tracking")]
 
 
+@pytest.mark.heavy
 def test_damaged_marks_of_a_clip_are_named(tmp_path: Path) -> None:
     clip = recorded(tmp_path / "clip")
     done = Estimation(choose_estimator("ellipse")).of_series(read_frames(clip))

@@ -13,7 +13,7 @@ from rig.frames.slip_alarm import SlipAlarm
 from rig.live.desk import DeskSensor, Reading
 from rig.tactile.estimators import choose_estimator
 from support.desk_frames import desk_digit
-from support.marks import long
+from support.marks import heavy
 from support.random_presses import OBJECTS, blank, random_presses
 
 CLOCK, SLIP = SystemClock(), choose_estimator("slip")
@@ -46,13 +46,13 @@ def figures_of_press(readings: Sequence[Reading], press: int) -> tuple[float, fl
     return float(np.mean(off)), float(np.mean(np.array(sigmas) <= 5.0)), len(slips)
 
 
-@pytest.mark.slow
+@pytest.mark.heavy
 @pytest.mark.parametrize(
     ("seed", "rate_hz", "presses", "until_s"),
     [
         (5, 30.0, 2, 7.0),
-        *long((0, 60.0, 2, 7.0)),
-        *long(*((seed, rate_hz, 4, OFF_S + 0.2) for seed in (0, 1, 5) for rate_hz in (30.0, 60.0))),
+        *heavy((0, 60.0, 2, 7.0)),
+        *heavy(*((seed, rate_hz, 4, OFF_S + 0.2) for seed in (0, 1, 5) for rate_hz in (30.0, 60.0))),
     ],
 )
 def test_each_press_has_a_good_zero_and_no_slip_before_the_object_turns(
@@ -84,16 +84,15 @@ def alarms(presses: int, seed: int, turn_deg_s: float) -> tuple[dict[int, int], 
     return at_rest, list(turned.values())
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(("seed", "presses"), long((0, len(OBJECTS)), *((seed, 25) for seed in range(1, 9))))
+@pytest.mark.parametrize(("seed", "presses"), heavy((0, len(OBJECTS)), *((seed, 25) for seed in range(1, 9))))
 def test_objects_pressed_at_rest_raise_no_alarm(seed: int, presses: int) -> None:
-    """200 presses with --long."""
+    """200 presses with --all."""
     at_rest, _ = alarms(presses, seed, 0.0)
     assert not {OBJECTS[press % len(OBJECTS)]: n for press, n in at_rest.items() if n}
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(("turn_deg_s", "presses"), [(15.0, len(OBJECTS)), *long((15.0, 25), (5.0, 25))])
+@pytest.mark.heavy
+@pytest.mark.parametrize(("turn_deg_s", "presses"), [(15.0, len(OBJECTS)), *heavy((15.0, 25), (5.0, 25))])
 def test_objects_that_turn_raise_the_alarm_within_a_degree(turn_deg_s: float, presses: int) -> None:
     at_rest, turned = alarms(presses, 0, turn_deg_s)
     assert not any(at_rest.values())

@@ -103,6 +103,7 @@ def test_names_of_sources_become_names_of_ros_and_must_differ_as_such() -> None:
         assert len(set(topics)) == len(topics)
 
 
+@pytest.mark.heavy
 def test_another_process_receives_the_angle_in_radians(domain: int) -> None:
     bridge = Ros2Bridge(domain, SystemClock())
     command = [sys.executable, "-c", RECEIVER, str(domain)]

@@ -40,6 +40,7 @@ def outside(axes: Axes) -> list[str]:
     return found
 
 
+@pytest.mark.heavy
 @settings(deadline=None, max_examples=12)
 @given(ANGLES, SIGMAS, ANGLES, ANGLES)
 def test_lift_chart_stays_inside_its_axes(estimate: Any, sigma: Any, truth: Any, tip: Any) -> None:
@@ -49,6 +50,7 @@ def test_lift_chart_stays_inside_its_axes(estimate: Any, sigma: Any, truth: Any,
         assert outside(draw_lift(figure, lift)) == []
 
 
+@pytest.mark.heavy
 @settings(deadline=None, max_examples=12)
 @given(ANGLES, SIGMAS, ANGLES, st.lists(st.floats(-180, 180), min_size=3, max_size=3), st.floats(0.0, 20.0))
 def test_clip_chart_stays_inside_its_axes(

@@ -162,6 +162,7 @@ def answer(entry: str, arguments: dict[str, Any]) -> None:
             call(**valid | arguments)
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize(("entry", "name"), PARAMETERS)
 def test_value_of_any_type_is_accepted_or_a_typed_error(entry: str, name: str) -> None:
     for make in TYPES:

@@ -32,6 +32,7 @@ def bars() -> list[Image]:
     return [gel(320, 240, i) for i in range(4)] + [pressed_bar(20.0 + max(0, i - 10), i) for i in range(30)]
 
 
+@pytest.mark.heavy
 def test_a_bar_that_turns_is_followed() -> None:
     angles = rig.estimate(bars(), gel(320, 240), fps=30.0)
     assert angles.time_s[:3].tolist() == pytest.approx([0.0, 1 / 30, 2 / 30], abs=1e-8)
@@ -57,6 +58,7 @@ def test_invalid_frames_are_an_input_error(frames: Any, why: str) -> None:
         rig.estimate(frames)
 
 
+@pytest.mark.heavy
 def test_iterator_of_frames_and_own_class_are_accepted() -> None:
     angles = rig.estimate(iter(bars()), gel(320, 240), estimator=Brightness)
     assert len(angles) == 34
@@ -178,6 +180,7 @@ def board_views(count: int) -> tuple[list[np.ndarray], list[np.ndarray]]:
     return [board] * count, seen
 
 
+@pytest.mark.heavy
 def test_a_camera_is_solved_from_points() -> None:
     found = rig.solve_camera(*board_views(20), SIZE)
     assert found.matrix[0, 0] == pytest.approx(FOCAL, abs=4 * found.sigma["fx"] + 0.3)

@@ -11,6 +11,7 @@ from support.played_sensor import play
 from support.waiting import until
 
 
+@pytest.mark.heavy
 def test_angle_counts_from_the_settled_contact_and_has_the_sign_of_the_fingertip(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

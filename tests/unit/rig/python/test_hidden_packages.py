@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from support.marks import long
+from support.marks import heavy
 
 PACKAGES = ("drivers", "fakes", "calibration", "protocols")
 USE = "import rig; rig.estimate; print('used')"
@@ -56,6 +56,7 @@ def test_module_of_the_user_that_hides_a_package_is_named(
     assert f"Rename it, or move it into a package of your own, as my_lab/{hiding.name}" in last
 
 
+@pytest.mark.heavy
 def test_folder_is_named_in_tests_of_the_user(tmp_path: Path) -> None:
     place = hidden(tmp_path, "drivers")
     (tmp_path / "test_mine.py").write_text("import rig")
@@ -63,7 +64,8 @@ def test_folder_is_named_in_tests_of_the_user(tmp_path: Path) -> None:
     assert f"HiddenPackageError: Python finds {place} before" in done.stdout
 
 
-@pytest.mark.parametrize("name", ["drivers", *long(*PACKAGES[1:], "rig")])
+@pytest.mark.heavy
+@pytest.mark.parametrize("name", ["drivers", *heavy(*PACKAGES[1:], "rig")])
 def test_folder_without_init_file_hides_nothing(tmp_path: Path, name: str) -> None:
     (tmp_path / name).mkdir()
     assert run(tmp_path, "-c", USE).stdout == "used\n"

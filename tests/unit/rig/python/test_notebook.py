@@ -5,6 +5,7 @@ import pytest
 from support.notebook import run_notebook
 
 
+@pytest.mark.heavy
 def test_example_notebook_runs(capsys: pytest.CaptureFixture[str]) -> None:
     shown = run_notebook()
     assert "SIMULATED" in repr(shown[1])

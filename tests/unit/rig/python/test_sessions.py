@@ -130,6 +130,7 @@ def test_missing_sessions_and_fingertips_are_rejected() -> None:
             ask("left")
 
 
+@pytest.mark.heavy
 def test_estimator_of_a_lift_gives_its_angles_and_needs_the_pixel_aspect(one_lift: Path) -> None:
     (lift,) = rig.open_session(one_lift).lifts
     serial = lift.serials[0]

@@ -24,6 +24,7 @@ def streamed(estimator: rig.StreamingEstimator, turns: list[float], first: int =
     ]
 
 
+@pytest.mark.heavy
 def test_angle_counts_from_the_reference() -> None:
     estimator = rig.estimator("slip", background=gel(320, 240))
     assert estimator.update(gel(320, 240, 1), -1.0).state == "no_contact"
@@ -36,6 +37,7 @@ def test_angle_counts_from_the_reference() -> None:
     assert last.time_s == pytest.approx(39 / RATE_HZ)
 
 
+@pytest.mark.heavy
 def test_sign_turns_angle_and_rate_around() -> None:
     turns = [0.0] * 12 + [float(n) for n in range(1, 9)]
     plain, turned = (
@@ -47,6 +49,7 @@ def test_sign_turns_angle_and_rate_around() -> None:
     assert turned.rate_deg_s == -plain.rate_deg_s
 
 
+@pytest.mark.heavy
 def test_reference_without_contact_is_rejected_and_the_old_one_stays() -> None:
     estimator = rig.estimator("ellipse", background=gel(320, 240))
     with pytest.raises(InputError, match="press an object on the gel"):
@@ -62,6 +65,7 @@ def test_reference_without_contact_is_rejected_and_the_old_one_stays() -> None:
     assert again.angle_deg == pytest.approx(last, abs=1.0)
 
 
+@pytest.mark.heavy
 def test_memory_stays_bounded() -> None:
     estimator = rig.estimator("ellipse", background=gel(80, 60))
     for number in range(300):
@@ -69,7 +73,7 @@ def test_memory_stays_bounded() -> None:
     assert len(estimator.track.samples) < 60
 
 
-@pytest.mark.long
+@pytest.mark.heavy
 def test_memory_does_not_grow_over_many_frames() -> None:
     """20,000 frames of a press that repeats: 11 minutes at 30 Hz."""
     frames = [frame.image for frame in desk_frames(8.0)]
@@ -141,6 +145,7 @@ def desk(from_s: float) -> list[Image]:
     return [frame.image for frame in desk_frames(from_s + 1.0, from_s=from_s)]
 
 
+@pytest.mark.heavy
 def test_background_with_a_contact_is_named_as_a_warning() -> None:
     empty, clear = desk(0.0), desk(4.0)
     with pytest.warns(UserWarning, match=CONTACT):

@@ -71,6 +71,7 @@ def with_a_fault(trial: Trial) -> Trial:
     return replace(trial, rows=[*trial.rows, failed])
 
 
+@pytest.mark.heavy
 def test_cause_of_repeated_faults_is_reported_once(sound: Trial) -> None:
     once = with_a_fault(sound)
     failed = once.rows[-1]
@@ -82,10 +83,12 @@ def test_cause_of_repeated_faults_is_reported_once(sound: Trial) -> None:
     assert "The cause of all: DeviceTimeoutError: gripper: no answer" in texts(once)
 
 
+@pytest.mark.heavy
 def test_sound_trial_has_no_warning(sound: Trial) -> None:
     assert texts(sound) == "[good] Nothing stands out. All checks of this page passed."
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize(
     ("spoil", "seen", "advice"),
     [
@@ -122,11 +125,13 @@ def test_each_notice_has_observation_and_advice(
     assert advice in found[0].advice
 
 
+@pytest.mark.heavy
 def test_small_turns_of_a_reacting_trial_are_not_criticised(sound: Trial) -> None:
     reacting = manifest_with(rows_with(sound, final_truth_deg=0.4), react=ReactionKind.TIGHTEN)
     assert "grip less firmly" not in texts(reacting)
 
 
+@pytest.mark.heavy
 def test_an_old_and_a_weak_calibration_are_named(sound: Trial) -> None:
     used = {
         "hand-eye SIM-C0001": FileInUse(
@@ -153,6 +158,7 @@ def test_range_of_onset_delays_needs_five_lifts(
     assert event[2:5] == ["-", "-", "-"]
 
 
+@pytest.mark.heavy
 def test_caught_slip_is_no_false_alarm(sound: Trial) -> None:
     reaction = ReactionRecord(
         serial="T1", onset_s=0.15, event_s=0.14, command_s=0.16, standstill_s=0.2, rest_s=0.3,

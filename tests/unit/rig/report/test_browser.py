@@ -24,7 +24,7 @@ from rig.results.listing import list_session
 from support.browser import FLAWS, NEEDS_CHROMIUM, Browser
 from support.waiting import until
 
-pytestmark = [NEEDS_CHROMIUM, pytest.mark.slow]
+pytestmark = NEEDS_CHROMIUM
 
 
 @pytest.fixture(scope="module")

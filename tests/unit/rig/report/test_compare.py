@@ -32,6 +32,7 @@ def rising(first: float, lifts: int = 10, **changes: Any) -> list[Lift]:
     return [replace(row(i, first + 0.1 * i), **changes) for i in range(lifts)]
 
 
+@pytest.mark.heavy
 def test_side_that_is_always_closer_wins() -> None:
     found = compare_lifts(NAMES, rising(1.0), rising(0.6))
     error = found.overall[0]
@@ -105,7 +106,7 @@ def test_changing_sides_changes_the_sign(errors: list[tuple[float, float]]) -> N
     assert one.wins == (other.wins[1], other.wins[0], other.wins[2])
 
 
-@pytest.mark.slow
+@pytest.mark.heavy
 def test_page_of_two_sessions_shows_both_curves_of_every_lift(drawn_trial: Any, tmp_path: Path) -> None:
     turns = (12.0, -20.0, 9.0, 15.0, -11.0)
     first = session_side(drawn_trial(tmp_path / "first", turns, (0.5,) * 5))
@@ -128,6 +129,7 @@ def test_only_trials_are_compared(drawn_recording: Any, tmp_path: Path) -> None:
         session_side(drawn_recording(tmp_path / "s"))
 
 
+@pytest.mark.heavy
 def test_lift_with_the_largest_difference_is_shown_first(drawn_trial: Any, tmp_path: Path) -> None:
     first = session_side(drawn_trial(tmp_path / "first", (12.0, -20.0), (0.5, 0.5)))
     second = session_side(drawn_trial(tmp_path / "second", (12.0, -20.0), (0.6, 3.0)))

@@ -31,6 +31,7 @@ def ramp(path: Path, error_deg: float = 1.0, head: str = HEAD, comma: str = ",")
     return table(path, head.replace(",", comma), rows)
 
 
+@pytest.mark.heavy
 def test_ten_real_lifts_have_the_published_errors(real_data: Path, tmp_path: Path) -> None:
     folder = real_data / "aurova_figures" / "curves"
     summary = (folder / "summary.csv").read_text().splitlines()
@@ -110,6 +111,7 @@ def test_table_without_any_estimate_is_reported_as_such(tmp_path: Path) -> None:
     assert not math.isnan(read_table(path).truth.angle_deg[0])
 
 
+@pytest.mark.heavy
 def test_a_lift_whose_sigma_does_not_cover_its_errors_is_named(tmp_path: Path) -> None:
     for name, sigma_deg in (("fine", 1.0), ("overrated", 0.1)):
         rows = [f"{0.02 * i:.2f},{0.1 * i + 0.6:.2f},{0.1 * i:.2f},{sigma_deg}" for i in range(200)]

@@ -12,9 +12,7 @@ from rig.report.film import CURVE_PX, HEIGHT_PX, LEGEND_PX, Film, Filmed, has_h2
 from rig.report.session import find_lift
 from rig.sessions.manifest import TrialManifest, read_manifest_of
 from support.browser import NEEDS_CHROMIUM, Browser
-from support.marks import long
-
-pytestmark = pytest.mark.slow
+from support.marks import heavy
 
 
 @pytest.fixture(scope="module")
@@ -31,7 +29,8 @@ def film(session: Path, out: Path) -> Film:
     return write_film([first_lift(session)], out, fps=10.0)
 
 
-@pytest.mark.parametrize("ending", [".webm", *long(".mp4", ".avi")])
+@pytest.mark.heavy
+@pytest.mark.parametrize("ending", [".webm", *heavy(".mp4", ".avi")])
 def test_film_has_the_length_of_the_lift_and_its_curve_grows(
     trial: Path, tmp_path: Path, ending: str
 ) -> None:
@@ -54,6 +53,7 @@ def test_film_has_the_length_of_the_lift_and_its_curve_grows(
     assert np.abs(first_tips - pictures[-1][:HEIGHT_PX, : width // 4]).mean() > 2.0
 
 
+@pytest.mark.heavy
 def test_animated_image_has_the_requested_length_and_width(trial: Path, tmp_path: Path) -> None:
     out = tmp_path / "lift.webp"
     made = write_film([first_lift(trial)], out, fps=3.0, width_px=320)
@@ -104,6 +104,7 @@ def test_impossible_films_are_rejected(trial: Path, drawn_trial: Any, tmp_path: 
             film(session, tmp_path / name)
 
 
+@pytest.mark.heavy
 def test_missing_camera_leaves_an_empty_panel_and_two_lifts_are_stacked(
     trial: Path, drawn_trial: Any, tmp_path: Path
 ) -> None:

@@ -80,7 +80,7 @@ def edited(session: Path, number: int, **changes: Any) -> None:
     (session / "lifts.jsonl").write_text("".join(json.dumps(row) + "\n" for row in rows))
 
 
-@pytest.mark.slow
+@pytest.mark.heavy
 def test_a_trial_s_page_has_its_figures_and_figures_have_names_of_their_own(page: Page) -> None:
     titles = " ".join(page.figures)
     wanted = "per object,against angle,against rate,over time,Grip and outcome,Onset latency,sigma cover"
@@ -103,6 +103,7 @@ def test_lifts_are_shown_from_the_beginning_of_phase_a(trial: Path) -> None:
     assert angle_range(early)[1] > 0.5
 
 
+@pytest.mark.heavy
 def test_a_page_needs_nothing_from_elsewhere(page: Page) -> None:
     assert all(link.startswith(("data:", "#")) for link in page.links)
     programs = re.findall(r"<script>.*?</script>", page.html, re.DOTALL)
@@ -116,6 +117,7 @@ def test_a_page_needs_nothing_from_elsewhere(page: Page) -> None:
     assert not re.search(rf"{elsewhere}|<script[^>]* src", html)
 
 
+@pytest.mark.heavy
 def test_warnings_and_rows_link_to_the_figure_of_their_lift(page: Page, trial: Path) -> None:
     assert {"lift-1", "lift-2"} <= set(page.ids)
     assert page.links.count("#lift-1") >= 1
@@ -132,7 +134,7 @@ def films_of(html: str) -> list[dict[str, Any]]:
     return [json.loads(data)["film"] for data in found]
 
 
-@pytest.mark.slow
+@pytest.mark.heavy
 @pytest.mark.usefixtures("quick_figures")
 def test_films_have_fewer_pictures_if_the_page_has_no_room_and_the_page_says_so(
     trial: Path, monkeypatch: pytest.MonkeyPatch
@@ -148,7 +150,7 @@ def test_films_have_fewer_pictures_if_the_page_has_no_room_and_the_page_says_so(
     assert [(len(film["times"]), film["about"]) for film in films_of(small)] == [(6, about)] * 2
 
 
-@pytest.mark.slow
+@pytest.mark.heavy
 def test_page_is_the_same_if_two_processes_read_and_draw_it(page: Page, trial: Path, tmp_path: Path) -> None:
     def lasting(html: str) -> str:  # figures are counted per process
         return re.sub(r"\d{4}-\d\d-\d\d \d\d:\d\d UTC|\bf\d+-", "", html)
@@ -157,6 +159,7 @@ def test_page_is_the_same_if_two_processes_read_and_draw_it(page: Page, trial: P
     assert lasting(parallel) == lasting(page.html)
 
 
+@pytest.mark.heavy
 def test_page_begins_with_simulated_and_has_the_errors_of_the_session(page: Page, trial: Path) -> None:
     assert 0 < page.text.index("SIMULATED") < page.text.index("MARE")
     rows = [json.loads(line) for line in (trial / "lifts.jsonl").read_text().splitlines()]
@@ -189,6 +192,7 @@ def test_fingertip_table_agrees_with_the_recorded_curves(trial: Path) -> None:
         assert row[1].startswith(f"{np.mean(means):.2f} ±")
 
 
+@pytest.mark.heavy
 def test_points_of_final_angles_name_their_lifts_with_values(page: Page) -> None:
     plots = re.findall(r'<script type="application/json" class="plot">(.*?)</script>', page.html)
     finals = next(plot for plot in map(json.loads, plots) if plot["x"]["label"].startswith("final marker"))
@@ -209,6 +213,7 @@ def test_a_real_bench_is_named_and_not_called_simulated(drawn_trial: Any, tmp_pa
     assert "No calibration of camera and hand-eye is in use" in found.text
 
 
+@pytest.mark.heavy
 @pytest.mark.usefixtures("quick_pages")
 def test_a_corrupt_and_a_missing_recording_are_named_and_the_rest_is_shown(
     drawn_trial: Any, tmp_path: Path
@@ -271,6 +276,7 @@ def test_unreadable_session_gets_a_page_with_the_reason(
     assert "lifts/001.mcap" in found.text
 
 
+@pytest.mark.heavy
 @pytest.mark.usefixtures("quick_pages")
 def test_unfinished_session_and_lift_without_angles_are_shown_as_such(
     drawn_trial: Any, tmp_path: Path
@@ -288,6 +294,7 @@ def test_unfinished_session_and_lift_without_angles_are_shown_as_such(
     assert "most often 'unobservable'" in found.text
 
 
+@pytest.mark.heavy
 @pytest.mark.usefixtures("quick_pages")
 def test_invalid_report_source_is_rejected(tmp_path: Path, trial: Path) -> None:
     for sources, out, said in (
@@ -301,6 +308,7 @@ def test_invalid_report_source_is_rejected(tmp_path: Path, trial: Path) -> None:
             write_report(sources, out)
 
 
+@pytest.mark.heavy
 @pytest.mark.usefixtures("quick_pages")
 def test_a_recording_shows_its_poses_and_what_its_pose_file_does_not_reach(
     drawn_recording: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -17,8 +17,6 @@ from rig.report.write import latex, write_report
 from rig.results.summary import summarize_trial
 from rig.sessions.manifest import TrialManifest, read_manifest_of
 
-pytestmark = pytest.mark.slow
-
 COLUMN_PT = 88.9 / 25.4 * 72
 
 
@@ -33,6 +31,7 @@ def written(drawn_trial: Any, tmp_path_factory: pytest.TempPathFactory) -> tuple
     return session, folder / "made" / "figures"
 
 
+@pytest.mark.heavy
 def test_figures_of_the_page_are_written_in_three_formats_as_wide_as_a_column(
     written: tuple[Path, Path],
 ) -> None:
@@ -48,6 +47,7 @@ def test_figures_of_the_page_are_written_in_three_formats_as_wide_as_a_column(
         assert picture.shape[1] == pytest.approx(600 * 88.9 / 25.4, abs=1)
 
 
+@pytest.mark.heavy
 def test_tables_hold_the_numbers_of_the_page(written: tuple[Path, Path]) -> None:
     session, folder = written
     trial = read_trial(session, read_manifest_of(session, TrialManifest, "no trial"))
@@ -68,6 +68,7 @@ def test_special_characters_are_escaped_in_latex() -> None:
     assert r"x\&y & \{\$1\textasciicircum{}2\textasciitilde{} \\" in source
 
 
+@pytest.mark.heavy
 def test_sources_without_figures_for_a_paper_are_rejected(drawn_recording: Any, tmp_path: Path) -> None:
     session = drawn_recording(tmp_path / "session")
     with pytest.raises(InputError, match="only readable trials and CSV files"):

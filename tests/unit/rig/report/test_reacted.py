@@ -15,7 +15,7 @@ from rig.report.parts import Chart
 from rig.report.write import write_report
 from rig.sessions.records import Lift
 
-pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("quick_pages")]
+pytestmark = [pytest.mark.usefixtures("quick_pages"), pytest.mark.heavy]
 
 REACTION = {
     "serial": "SIM-D0001", "onset_s": 0.2, "event_s": 0.21, "command_s": 0.22, "standstill_s": 0.4,

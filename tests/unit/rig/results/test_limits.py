@@ -150,6 +150,7 @@ def test_bench_file_may_have_limits(light_bench_file: Path, tmp_path: Path) -> N
     assert load_bench(str(file)).limits == (LimitConfig(figure="answered", lower=0.9),)
 
 
+@pytest.mark.heavy
 @pytest.mark.usefixtures("quick_pages")
 def test_trial_with_limits_says_which_lift_misses_and_why(
     light_bench_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

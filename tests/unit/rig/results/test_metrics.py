@@ -69,7 +69,7 @@ def test_interval_reaches_further_towards_the_long_tail() -> None:
     assert interval(-np.array([1.0, 1.1, 0.9, 1.0, 6.0])) == pytest.approx((-high, -low))
 
 
-@pytest.mark.long
+@pytest.mark.heavy
 @pytest.mark.parametrize("lifts", [5, 10, 20])
 @pytest.mark.parametrize(
     ("spread", "least", "most"), [(0.3, 0.93, 0.975), (0.5, 0.92, 0.97), (0.8, 0.89, 0.96)]
@@ -85,7 +85,7 @@ def test_interval_covers_the_true_mean_of_skewed_errors(
     assert least <= covered <= most
 
 
-@pytest.mark.long
+@pytest.mark.heavy
 @pytest.mark.parametrize("lifts", [5, 10, 20])
 def test_no_winner_is_named_between_equal_sides_more_than_once_in_twenty(lifts: int) -> None:
     rng = np.random.default_rng(38)

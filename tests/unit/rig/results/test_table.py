@@ -2,7 +2,7 @@
 
 import random
 from collections.abc import Callable
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 
 import pytest
@@ -29,7 +29,7 @@ def row(make: MakeRow, number: int, error_deg: float | None) -> Lift:
 def table(make: MakeRow, count: int) -> list[Line]:
     chance = random.Random(0)
     rows = [row(make, n, chance.uniform(0.1, 3.0) if n % 7 else None) for n in range(count)]
-    return [table_row(HEAD, r, identical=bool(r.number % 2)) for r in rows]
+    return [table_row(HEAD, r, r if r.number % 2 else replace(r, answered=0.5)) for r in rows]
 
 
 @pytest.mark.parametrize("kind", ["csv", "parquet"])

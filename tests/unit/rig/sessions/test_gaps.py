@@ -17,7 +17,7 @@ from rig.sessions.manifest import TrialManifest, read_manifest_of
 from rig.sessions.recording_file import recorded_messages, recording_gaps
 from rig.sessions.rows import read_finished_lifts
 from support.command_line import rig
-from support.marks import long
+from support.marks import heavy
 from support.recordings import chunk_with, damage_chunks, written_again
 
 CHUNK_BYTES = 15_000
@@ -72,6 +72,7 @@ def test_truncated_recording_is_read_to_its_end(trial: Path) -> None:
         list(recorded_messages(recording))
 
 
+@pytest.mark.heavy
 def test_replay_uses_the_rest_of_a_lift_and_names_the_gap(trial: Path, damaged_chunk: int) -> None:
     replay = run_replay(stored_trial(trial), jobs=1)
     stored, partly = replay.rows
@@ -84,8 +85,8 @@ def test_replay_uses_the_rest_of_a_lift_and_names_the_gap(trial: Path, damaged_c
     assert problem.endswith("the data before and after were used")
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("phase", [Phase.HOLD, *long(Phase.LIFT, Phase.LOWER)])
+@pytest.mark.heavy
+@pytest.mark.parametrize("phase", [Phase.HOLD, *heavy(Phase.LIFT, Phase.LOWER)])
 def test_phase_in_a_gap_is_taken_from_the_row_of_the_lift(trial: Path, phase: Phase) -> None:
     recording = trial / "lifts" / "002.mcap"
     damage_chunks(recording, chunk_with(recording, "/phase", list(Phase).index(phase)))
@@ -96,6 +97,7 @@ def test_phase_in_a_gap_is_taken_from_the_row_of_the_lift(trial: Path, phase: Ph
     assert len(replay.problems) == 1
 
 
+@pytest.mark.heavy
 def test_table_of_many_sessions_has_the_figures_and_the_gap(trial: Path, damaged_chunk: int) -> None:
     plan = plan_replays([trial], "pca", None)
     whole, partly = (replay_task(task) for task in plan.tasks)
@@ -105,6 +107,7 @@ def test_table_of_many_sessions_has_the_figures_and_the_gap(trial: Path, damaged
     assert partly["final_estimate_deg"] is not None
 
 
+@pytest.mark.heavy
 @pytest.mark.usefixtures("quick_pages")
 def test_report_shows_the_rest_of_a_lift_and_names_the_gap(trial: Path, tmp_path: Path) -> None:
     recording = trial / "lifts" / "002.mcap"
@@ -128,6 +131,7 @@ def test_listing_names_every_gap(trial: Path) -> None:
     assert "; chunk 7 of " in str(entry.problem)
 
 
+@pytest.mark.heavy
 def test_film_is_made_and_the_command_names_the_gap(trial: Path, damaged_chunk: int, tmp_path: Path) -> None:
     manifest = read_manifest_of(trial, TrialManifest, "no trial")
     assert len(find_lift(trial, manifest, "2").notes) == 1

@@ -62,13 +62,13 @@ def replayed() -> ReplayManifest:
     )
 
 
-@pytest.mark.slow
+@pytest.mark.heavy
 @pytest.mark.parametrize(
     ("kind", "tried"),
     [
         (TrialManifest, SOME),
         *(
-            pytest.param(kind, VALUES, marks=pytest.mark.long)
+            pytest.param(kind, VALUES, marks=pytest.mark.heavy)
             for kind in (TrialManifest, RecordManifest, ReplayManifest)
         ),
     ],

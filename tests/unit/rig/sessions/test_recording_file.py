@@ -158,6 +158,7 @@ def test_large_chunk_and_late_time_are_damage(tmp_path: Path, ns: int, size: int
         list(recorded_messages(path))
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize(
     "command",
     [

@@ -142,6 +142,16 @@ def test_password_of_a_camera_is_not_stored_and_the_session_continues(tmp_path: 
     assert bench.camera.address == secret
 
 
+def test_appended_line_is_on_the_disk_before_the_call_returns(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    synced: list[bytes] = []
+    monkeypatch.setattr("os.fsync", lambda _: synced.append((tmp_path / "lines").read_bytes()))
+    append_line(tmp_path / "lines", b"one\n")
+    append_line(tmp_path / "lines", b"two\n")
+    assert synced == [b"one\n", b"one\ntwo\n"]
+
+
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a device that is always full")
 def test_full_disk_is_a_typed_error_and_reported_once_by_the_log(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]

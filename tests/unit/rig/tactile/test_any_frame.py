@@ -27,6 +27,7 @@ def test_reduced_copy_is_never_empty_and_its_area_never_exceeds_the_frame(
     assert full_area(columns * rows, (rows, columns), (height, width)) <= height * width
 
 
+@pytest.mark.heavy
 def test_largest_frame_size_is_processed() -> None:
     largest = gel(1024, MAX_SIDE_PX)
     for name in ("slip", "ellipse", "kolamuri"):
@@ -48,7 +49,7 @@ CONTENT = st.one_of(
 """Noise, one grey, one bright value, and a bright rectangle in a corner."""
 
 
-@pytest.mark.slow
+@pytest.mark.heavy
 @pytest.mark.parametrize("name", ESTIMATORS)
 @given(background=CONTENT, frames=st.lists(CONTENT, min_size=1, max_size=6))
 def test_any_image_is_estimated_or_refused(name: str, background: Image, frames: Sequence[Image]) -> None:

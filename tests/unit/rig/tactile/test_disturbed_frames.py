@@ -48,7 +48,7 @@ QUICK = ("shifted right by 2 px", "shifted up by 8 px", "brightness 0.5", "brigh
 
 def cases() -> Iterator[Any]:
     for name in CHANGES:
-        marks = [] if name in QUICK else [pytest.mark.long]
+        marks = [] if name in QUICK else [pytest.mark.heavy]
         yield pytest.param(name, marks=marks)
 
 
@@ -58,6 +58,7 @@ def desk() -> list[Frame]:
     return list(desk_frames(8.0, every=2))
 
 
+@pytest.mark.heavy
 @pytest.mark.filterwarnings("ignore::UserWarning")
 @pytest.mark.parametrize("name", list(cases()))
 def test_disturbed_frames_give_no_wrong_angle_with_a_small_sigma(desk: list[Frame], name: str) -> None:

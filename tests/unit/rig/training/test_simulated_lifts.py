@@ -8,6 +8,7 @@ from rig.training.lifts import AT_REST, SIGHT_HZ, simulated_lifts
 SIZE = (36, 48)
 
 
+@pytest.mark.heavy
 def test_simulated_lifts_follow_the_protocol_and_are_reproducible() -> None:
     first, second = (next(simulated_lifts(["7"], 1, 5, lambda *_: None)).steps() for _ in range(2))
     np.testing.assert_array_equal(first, second)
@@ -19,6 +20,7 @@ def test_simulated_lifts_follow_the_protocol_and_are_reproducible() -> None:
     assert first[-20:, 2].mean() < first[: len(first) // 2, 2].mean() - 0.1
 
 
+@pytest.mark.heavy
 def test_fingertips_measure_opposite_image_rotations() -> None:
     lift = next(simulated_lifts(["7"], 1, 5, lambda *_: None, SIGHT_HZ))
     views = list(lift.views(SIZE))

@@ -52,6 +52,7 @@ def test_bar_turns_and_ring_does_not() -> None:
     assert share[weight < 0.04].max() == pytest.approx(0.0)
 
 
+@pytest.mark.heavy
 def test_examples_have_the_network_input_and_output_sizes(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("rig.training.turning_examples._FACES_PER_TASK", 1)
     result: list[int] = []
@@ -63,6 +64,7 @@ def test_examples_have_the_network_input_and_output_sizes(monkeypatch: pytest.Mo
     assert examples.weights.min() > 0.0
 
 
+@pytest.mark.heavy
 def test_every_second_sensor_is_a_variation_of_the_look() -> None:
     reach = np.zeros((13, 13, 12, 12))
     flat = np.full((320, 240, 3), 100.0, np.float32)
@@ -74,6 +76,7 @@ def test_every_second_sensor_is_a_variation_of_the_look() -> None:
     assert 1 <= in_the_look <= 7
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("kind", ["train", "train-turning"])
 def test_training_varies_looks_by_seeds_that_no_bench_accepts(kind: str) -> None:
     seeds: list[int] = []

@@ -56,6 +56,7 @@ def test_invalid_bytes_end_that_connection_only(controller: URController) -> Non
         until(lambda: b"\x00\x13v" in client.recv(65536))
 
 
+@pytest.mark.heavy
 def test_client_that_does_not_read_is_closed_without_delaying_others(
     controller: URController, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -8,23 +8,26 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from drivers.clock import NS_PER_S
 from drivers.errors import InputError
 from drivers.images import read_image
 from fakes.gel.sensor import GelSensor
+from rig.frames.estimates import CHECKED_FRAMES
 from rig.frames.series import evenly_spread, find_background
 from rig.tactile.contact.background import auto_background, mean_background
 from rig.tactile.contact.background_check import BackgroundCheck, gel_change
 from rig.tactile.contact.untouched import LEAST_FRAMES, OPENING_FRAMES, still_opening
 from support.desk_frames import desk_frames
 
+STEP_NS = NS_PER_S // 25
 Image = NDArray[np.uint8]
 Draw = Callable[..., Image]
 
 
 def doubted(background: Image, frames: Iterable[Image]) -> bool:
     check = BackgroundCheck(background)
-    for place, image in enumerate(frames):
-        check.add(image, place)
+    for place, image in evenly_spread(enumerate(frames), CHECKED_FRAMES):
+        check.check(image, place * STEP_NS)
     return bool(check.doubt)
 
 
@@ -34,6 +37,7 @@ def desk() -> list[Image]:
     return [frame.image for frame in desk_frames(18.0, -1, 0.0, every=6)]
 
 
+@pytest.mark.heavy
 def test_background_without_contact_is_not_doubted_during_a_press(desk: list[Image]) -> None:
     assert not doubted(mean_background(desk[:4]), desk)
 
@@ -69,6 +73,7 @@ def test_dirty_gel_is_trusted_after_a_press(press: Draw) -> None:
     assert not doubted(background, [dirty(press(10 + i, (85, 25), seed=i)) for i in range(5)])
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("markers", [False, True])
 def test_simulated_units_without_contact_are_not_doubted_while_their_light_drifts(markers: bool) -> None:
     rng = np.random.default_rng(0)
@@ -100,14 +105,12 @@ def real_doubts(clip: Path) -> tuple[bool, bool]:
     return doubted(read_image(clip / "background.png"), frames), doubted(frames[len(frames) // 2], frames)
 
 
-@pytest.mark.slow
 def test_backgrounds_of_real_clips_are_not_doubted(real_clips: Path) -> None:
     found = [real_doubts(clip) for clip in clips(real_clips)]
     assert [own for own, _ in found] == [False] * len(found)
     assert sum(other for _, other in found) >= 0.6 * len(found), "soft contacts have no edges"
 
 
-@pytest.mark.slow
 def test_backgrounds_of_real_turns_are_not_doubted() -> None:
     folder = Path(os.environ.get("RIG_REAL_TURNS", ""))
     if not (folder / "pk_133601").is_dir():
@@ -154,6 +157,7 @@ def test_moving_contacts_are_absent_from_the_background(press: Draw, blank: Imag
     assert error(np.median(frames, axis=0), blank) > error(made, blank)
 
 
+@pytest.mark.heavy
 def test_few_frames_without_contact_are_found_among_many(press: Draw, blank: Image) -> None:
     frames = [press(None, seed=i) for i in range(4)] + [press(0.3 * i, seed=i) for i in range(40)]
     assert error(auto_background(frames), blank) < 2.0
@@ -192,6 +196,7 @@ def off_grey(made: Image, blank: Image) -> float:
     return float(np.abs(made.astype(float) - blank).mean())
 
 
+@pytest.mark.heavy
 def test_still_opening_before_a_contact_is_the_background(
     rest: Callable[[int], list[Image]], turning: Callable[[int], list[Image]], blank: Image
 ) -> None:
@@ -200,6 +205,7 @@ def test_still_opening_before_a_contact_is_the_background(
     assert "first 7 frames" in note
 
 
+@pytest.mark.heavy
 def test_recording_that_begins_in_contact_uses_its_most_frequent_image(
     rest: Callable[[int], list[Image]], turning: Callable[[int], list[Image]], blank: Image
 ) -> None:
@@ -208,6 +214,7 @@ def test_recording_that_begins_in_contact_uses_its_most_frequent_image(
     assert "most alike" in note
 
 
+@pytest.mark.heavy
 def test_still_contact_at_the_start_is_not_the_background(
     press: Draw, rest: Callable[[int], list[Image]], blank: Image
 ) -> None:
@@ -216,6 +223,7 @@ def test_still_contact_at_the_start_is_not_the_background(
     assert off_grey(background, blank) < 1.5
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("kind", ["contact throughout", "untouched throughout", "too few"])
 def test_recording_without_a_recognisable_untouched_gel_is_refused(
     kind: str, rest: Callable[[int], list[Image]], turning: Callable[[int], list[Image]]
@@ -227,6 +235,7 @@ def test_recording_without_a_recognisable_untouched_gel_is_refused(
         found(frames)
 
 
+@pytest.mark.heavy
 def test_opening_leaves_out_the_onset_and_is_bounded(
     rest: Callable[[int], list[Image]], turning: Callable[[int], list[Image]]
 ) -> None:
@@ -236,6 +245,7 @@ def test_opening_leaves_out_the_onset_and_is_bounded(
     assert still_opening(turning(10)) == []
 
 
+@pytest.mark.heavy
 def test_frames_of_one_colour_give_a_typed_error() -> None:
     black, white = np.zeros((320, 240, 3), np.uint8), np.full((320, 240, 3), 255, np.uint8)
     for frames in ([black] * 20, [white] * 20, [black] * 10 + [white] * 10):

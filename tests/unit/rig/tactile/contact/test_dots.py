@@ -72,6 +72,7 @@ def test_moved_dots_are_not_a_contact(blank: Image, name: str) -> None:
     assert State.TRACKING in seen, "without filling them they would be"
 
 
+@pytest.mark.heavy
 def test_angle_is_measured_between_the_dots(blank: Image, press: Draw) -> None:
     background = printed(blank, grid())
     estimator = choose_estimator("slip").make(background)
@@ -115,7 +116,7 @@ def test_real_gels_with_and_without_dots_are_distinguished(real_data: Path) -> N
 SPANS = Path(__file__).resolve().parents[4] / "data" / "marker_slip_contacts.csv"
 
 
-@pytest.mark.long
+@pytest.mark.heavy
 def test_printed_dots_are_not_reported_as_contact(real_data: Path) -> None:
     folder = real_data / "marker_slip_clips"
     rows = [row for _, row in read_csv_rows(SPANS, ("clip", "first", "last", "contact", "background"))]

@@ -63,6 +63,7 @@ def test_speck_below_a_hundredth_of_the_frame_is_no_contact(press: Draw, blank: 
     assert finder.find(press(20, (20.0, 12.0), strength=2.0)).mask is not None
 
 
+@pytest.mark.heavy
 def test_contact_detection_has_hysteresis(press: Draw, blank: Image) -> None:
     strengths = np.arange(0.02, 0.6, 0.01)
     frames = [press(0, strength=strength) for strength in strengths]
@@ -129,7 +130,7 @@ def test_masks_of_real_frames_agree_with_the_labels(panels: list[tuple[Image, Im
     assert min(scores) > 0.7
 
 
-@pytest.mark.slow
+@pytest.mark.heavy
 def test_masks_agree_with_a_background_from_other_frames(panels: list[tuple[Image, Image]]) -> None:
     images = [image for image, _ in panels]
     scores = [

@@ -96,6 +96,7 @@ def background_of(desk: list[Frame]) -> Image:
     return mean_background([frame.image for frame in desk[:8]])
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("pattern", [hair, scratches, dust, pixels])
 def test_marks_that_came_after_the_background_are_left_out(desk: list[Frame], pattern: Pattern) -> None:
     estimator = choose_estimator("slip").make(background_of(desk))
@@ -108,6 +109,7 @@ def test_marks_that_came_after_the_background_are_left_out(desk: list[Frame], pa
     assert last.angle_deg - zero.angle_deg == pytest.approx(turned[1] - turned[0], abs=1.5)
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("ends", [((60, 64), (120, 256)), ((170, 90), (160, 260)), ((40, 200), (200, 170))])
 def test_straight_scratch_looks_like_a_contact_until_one_comes(
     desk: list[Frame], ends: tuple[tuple[int, int], tuple[int, int]]
@@ -126,6 +128,7 @@ def test_straight_scratch_looks_like_a_contact_until_one_comes(
     assert last.sigma_deg < 5.0
 
 
+@pytest.mark.heavy
 def test_what_an_object_leaves_on_the_gel_is_no_contact() -> None:
     background, step_ns = drawn_press(None), NS_PER_S // 20
     estimator = choose_estimator("slip").make(background)

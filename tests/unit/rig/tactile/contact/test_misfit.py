@@ -3,6 +3,7 @@
 import os
 from collections.abc import Iterable, Sequence
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -12,9 +13,13 @@ import rig
 from drivers.clock import NS_PER_S, SystemClock
 from drivers.images import read_image
 from drivers.types import Frame, Image
+from rig.frames.estimates import CHECKED_FRAMES
+from rig.frames.series import evenly_spread
 from rig.live.desk import DeskSensor
+from rig.tactile.contact import misfit as misfits
 from rig.tactile.contact.background import mean_background
 from rig.tactile.contact.background_check import BackgroundCheck
+from rig.tactile.contact.untouched import Comparison
 from rig.tactile.estimators import choose_estimator
 from support.desk_frames import desk_frames
 
@@ -42,8 +47,8 @@ def compressed(image: Image, quality: int) -> Image:
 
 def misfit(background: Image, frames: Iterable[Image]) -> str:
     check = BackgroundCheck(background)
-    for place, image in enumerate(frames):
-        check.add(image, place * STEP_NS)
+    for place, image in evenly_spread(enumerate(frames), CHECKED_FRAMES):
+        check.check(image, place * STEP_NS)
     return check.misfit
 
 
@@ -57,6 +62,7 @@ def background_of(desk: Sequence[Frame]) -> Image:
     return mean_background([frame.image for frame in desk[:15]])
 
 
+@pytest.mark.heavy
 def test_right_background_fits(desk: list[Frame]) -> None:
     assert misfit(background_of(desk), [frame.image for frame in desk[::3]]) == ""
 
@@ -80,6 +86,7 @@ def test_shift_along_which_the_gel_hardly_changes_is_named(desk: list[Frame], wa
     assert "shifted by about" in misfit(shifted(background_of(desk), *way), [f.image for f in desk[::3]])
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize(
     ("rows", "columns", "name"),
     [
@@ -100,6 +107,7 @@ def test_frame_of_the_size_of_a_block_has_no_blocks() -> None:
     assert misfit(small, [small] * 5) == ""
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize(("quality", "named"), [(30, True), (70, False)])
 def test_strong_compression_is_named_with_its_own_remedy(
     desk: list[Frame], quality: int, named: bool
@@ -109,12 +117,13 @@ def test_strong_compression_is_named_with_its_own_remedy(
     for frame in desk[::3]:
         grain = cv2.GaussianBlur(noise.normal(0.0, 12.0, frame.image.shape), (0, 0), 1.0)
         image = np.clip(np.rint(frame.image + grain), 0, 255).astype(np.uint8)
-        check.add(compressed(image, quality), frame.time_ns)
+        check.check(compressed(image, quality), frame.time_ns)
     doubt = check.doubt_with("take another background")
     expected = "blocks of 8 pixels hide the contact: store or send them with JPEG quality 80 or more"
     assert doubt.endswith(expected) if named else doubt == ""
 
 
+@pytest.mark.heavy
 def test_recorded_frames_with_a_shifted_background_have_no_angle(desk: list[Frame]) -> None:
     frames, times_s = [frame.image for frame in desk], [frame.time_ns / NS_PER_S for frame in desk]
     with pytest.warns(UserWarning, match="do not fit the background: shifted by about"):
@@ -123,6 +132,7 @@ def test_recorded_frames_with_a_shifted_background_have_no_angle(desk: list[Fram
     assert not {"tracking", "rekeyed"} & set(found.states)
 
 
+@pytest.mark.heavy
 def test_streamed_frames_with_dead_rows_have_no_angle(desk: list[Frame]) -> None:
     stream = rig.estimator(background=background_of(desk))
     with pytest.warns(UserWarning, match="dead rows") as warned:
@@ -131,6 +141,40 @@ def test_streamed_frames_with_dead_rows_have_no_angle(desk: list[Frame]) -> None
     assert all(sample.angle_deg is None and sample.state != "tracking" for sample in found[30:])
 
 
+@pytest.mark.parametrize(("rate_hz", "frames"), [(60.0, 30), (30.0, 20), (10.0, 10), (1.0, 10)])
+def test_shift_is_found_within_half_a_second_or_a_few_frames(
+    desk: list[Frame], rate_hz: float, frames: int
+) -> None:
+    check = BackgroundCheck(shifted(background_of(desk), 0, -10))
+    for place in range(frames):
+        check.add(desk[-1 - place % 30].image, round(place * NS_PER_S / rate_hz))
+    assert "shifted by about" in check.misfit
+
+
+def test_frames_that_fit_are_compared_seldom_and_in_small_steps(
+    desk: list[Frame], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    check, steps = BackgroundCheck(background_of(desk)), list[str]()
+    for owner, name in (
+        (Comparison, "region"), (misfits, "_blocks"), (misfits, "_smaller"), (misfits, "_valley"),
+    ):  # fmt: skip
+        inner = getattr(owner, name)
+
+        def noted(*of: Any, name: str = name, inner: Any = inner) -> Any:
+            steps.append(name)
+            return inner(*of)
+
+        monkeypatch.setattr(owner, name, noted)
+    found = list[str]()
+    for place in range(600):
+        steps.clear()
+        check.add(desk[-1 - place % 30].image, round(place * NS_PER_S / 60.0))
+        assert len(set(steps)) <= 1, "no frame waits for two steps"
+        found += set(steps)
+    assert found == ["region", "_blocks", "_smaller", "_valley"] * 5, "at 0, 0.5, 1.5, 3.5 and 7.5 s"
+
+
+@pytest.mark.heavy
 def test_live_view_with_a_shifted_background_has_a_doubt_and_no_angle(desk: list[Frame]) -> None:
     sensor = DeskSensor("D", choose_estimator("slip"), 1, shifted(background_of(desk), -12, 9), None)
     shown = [sensor.take(frame, SystemClock()).values() for frame in desk]
@@ -148,7 +192,6 @@ def real_clips_of(folder: Path) -> list[tuple[Image, list[Image]]]:
     return found
 
 
-@pytest.mark.slow
 def test_backgrounds_of_real_clips_fit_and_shifted_ones_do_not(real_clips: Path) -> None:
     clips = real_clips_of(real_clips)
     assert [misfit(*clip) for clip in clips] == [""] * len(clips)
@@ -161,7 +204,6 @@ def test_backgrounds_of_real_clips_fit_and_shifted_ones_do_not(real_clips: Path)
     assert all("blocks of 8 pixels" in text for text in strong)
 
 
-@pytest.mark.slow
 def test_backgrounds_of_real_turns_fit() -> None:
     folder = Path(os.environ.get("RIG_REAL_TURNS", ""))
     if not (folder / "pk_133601").is_dir():

@@ -157,6 +157,7 @@ def test_masks_agree_with_the_labels(panels: Examples) -> None:
     assert scores[1] > 0.9
 
 
+@pytest.mark.heavy
 def test_contacts_on_a_sensor_of_another_make_are_found(real_data: Path) -> None:
     folder = real_data / "gelsight_ball"
     if not folder.is_dir():

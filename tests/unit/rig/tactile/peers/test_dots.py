@@ -115,6 +115,7 @@ def followed(frames: list[NDArray[np.uint8]]) -> list[SlipSample]:
     return [estimator.update(frame, i * FRAME_NS) for i, frame in enumerate(frames)]
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_estimator_measures_the_rotation_of_the_gel(sign: float) -> None:
     turns = [None, *[0.0] * 9, *(sign * np.arange(0.5, 6.5, 0.5)).tolist()]
@@ -132,7 +133,7 @@ def test_a_gel_without_markers_is_refused() -> None:
     assert {s.state for s in samples[1:]} == {State.UNOBSERVABLE}
 
 
-@pytest.mark.slow
+@pytest.mark.heavy
 def test_real_markers_are_followed_through_real_slips(real_data: Path) -> None:
     clips = sorted((real_data / "marker_slip_clips").glob("*_exp_num_1_camera_*.avi"))
     assert len(clips) == 6

@@ -19,6 +19,7 @@ def followed(blank: Image, frames: list[Image]) -> list[SlipSample]:
     return [estimator.update(frame, i * FRAME_NS) for i, frame in enumerate(frames)]
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("sign", [1, -1])
 def test_rotation_is_followed_with_its_sign(sign: int, press: Press, blank: Image) -> None:
     turns = [0.0] * 8 + [sign * float(turn) for turn in range(31)]
@@ -36,6 +37,7 @@ def test_disc_is_refused(press: Press, blank: Image) -> None:
     assert {s.angle_deg for s in samples} == {None}
 
 
+@pytest.mark.heavy
 def test_angle_continues_after_a_time_without_contact(press: Press, blank: Image) -> None:
     frames = [press(t, seed=t) for t in (0, 0, 0, 0, 0, 0, 0, 10)]
     frames += [press(None, seed=i) for i in range(40)] + [press(10, seed=i) for i in range(8)]

@@ -1,124 +1,202 @@
-"""The cache of compiled loops, and the message about compiling."""
+"""The cache of compiled loops, and the process that fills it."""
 
 import fcntl
-import importlib.util
-import logging
+import os
+import shutil
+import subprocess
 import sys
 import threading
 from collections.abc import Iterator
-from contextlib import ExitStack, nullcontext
 from pathlib import Path
-from typing import Any
 
 import pytest
-from numba.core import config
-from numba.core.event import install_listener
 
-from rig.tactile.slip.compiled import is_cached
-from rig.tactile.slip.compiling import _other_half, _Report, compile_all
+import rig.__main__
+from rig.experiments.process_pool import run_tasks
+from rig.tactile.slip import compiling
+from rig.tactile.slip.compiling import (
+    ALL_COMPILED,
+    LOCK,
+    SOURCES,
+    begin_compiling,
+    cache_folder,
+    is_compiling,
+    wait_until_compiled,
+)
+from support.waiting import until
 
-MODULE = "installed_loops"
-TEXT = """
-from rig.tactile.slip.compiled import compiled
-
-@compiled
-def doubled(value):
-    return 2.0 * value
-"""
+HERE = Path(compiling.__file__).parent
+WAITING = [sys.executable, "-c", "import sys; sys.stdin.read()"]
+"""Stands for the process that compiles; as that one, it ends when its standard input is closed."""
+LOAD = "from rig.tactile.slip.all_loops import compile_all; compile_all()"
 
 
 @pytest.fixture(autouse=True)
-def user_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
-    monkeypatch.setattr(config, "CACHE_DIR", "")
+def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """An empty cache; the process that compiles only waits."""
+    monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    monkeypatch.setattr(compiling, "python_command", lambda *_: WAITING)
+    monkeypatch.setattr(compiling, "_child", None)
+    monkeypatch.setattr(compiling, "_announced", False)
+    cache_folder.cache_clear()
     yield tmp_path / "cache"
-    sys.modules.pop(MODULE, None)
+    cache_folder.cache_clear()
+    if compiling._child is not None:
+        compiling._child.kill()
+        compiling._child.communicate()
 
 
-def installed(folder: Path) -> Any:
-    """Return the loop of an installation in that folder."""
+def installed(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Path | None:
+    """Return the cache folder of an installation in a folder."""
     folder.mkdir(exist_ok=True)
-    (folder / f"{MODULE}.py").write_text(TEXT)
-    spec = importlib.util.spec_from_file_location(MODULE, folder / f"{MODULE}.py")
-    sys.modules[MODULE] = module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module.doubled
+    for name in SOURCES:
+        if not (folder / name).exists():
+            shutil.copy(HERE / name, folder)
+    monkeypatch.setattr(compiling, "__file__", str(folder / "compiling.py"))
+    cache_folder.cache_clear()
+    return cache_folder()
 
 
-def test_second_installation_uses_the_loops_of_the_first(tmp_path: Path, user_cache: Path) -> None:
-    for folder, compiled in (("first", 1), ("second", 0)):
-        loop = installed(tmp_path / folder)
-        assert loop(2.0) == 4.0
-        assert (sum(loop.stats.cache_misses.values()), sum(loop.stats.cache_hits.values())) == (
-            compiled, 1 - compiled,
-        )  # fmt: skip
-        assert Path(loop.stats.cache_path).parent == user_cache / "numba"
-
-
-def test_changed_loops_are_compiled_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    assert installed(tmp_path / "first")(2.0) == 4.0
-    monkeypatch.setitem(globals(), "TEXT", TEXT.replace("2.0", "3.0"))
-    assert installed(tmp_path / "second")(2.0) == 6.0
-
-
-def test_loop_is_cached_beside_its_file_or_nowhere_if_folders_are_not_writable(
-    tmp_path: Path, user_cache: Path
+def test_installations_share_the_loops_until_a_source_or_a_setting_of_numba_changes(
+    tmp_path: Path, cache: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    user_cache.touch()  # a file, so that no folder can be made
-    loop = installed(tmp_path / "first")
-    assert Path(loop.stats.cache_path) == tmp_path / "first" / "__pycache__"
+    first = installed(tmp_path / "first", monkeypatch)
+    assert first is not None
+    assert first.parent == cache / "numba"
+    assert installed(tmp_path / "second", monkeypatch) == first
+    (tmp_path / "second" / SOURCES[-1]).write_text("changed = True\n")
+    assert installed(tmp_path / "second", monkeypatch) != first
+    monkeypatch.setenv("NUMBA_OPT", "1")
+    assert installed(tmp_path / "first", monkeypatch) != first
+
+
+def test_cache_is_beside_the_sources_or_nowhere_if_folders_are_not_writable(
+    tmp_path: Path, cache: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    cache.touch()  # a file, so that no folder can be made
+    beside = installed(tmp_path / "first", monkeypatch)
+    assert beside is not None
+    assert beside.parent == tmp_path / "first" / "__pycache__"
     (tmp_path / "second").mkdir()
     (tmp_path / "second" / "__pycache__").touch()
-    loop = installed(tmp_path / "second")
-    assert not is_cached(loop)
-    assert loop(2.0) == 4.0
+    assert installed(tmp_path / "second", monkeypatch) is None
 
 
-def test_compiling_is_reported_once_and_only_if_something_is_compiled(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("drivers.progress._display", None)  # commands of other tests leave one
-    monkeypatch.setattr("rig.tactile.slip.compiling._other_half", nullcontext)
-    with caplog.at_level(logging.WARNING):
-        for folder, messages in (("first", 1), ("second", 1)):
-            with ExitStack() as begun, install_listener("numba:compile", _Report(begun)):
-                installed(tmp_path / folder)(2.0)
-                assert len(caplog.messages) == messages
-    assert caplog.messages[0].startswith("compiling the estimator, about 12 s if two cores are idle, once")
+def test_without_a_cache_nothing_is_started_and_a_line_says_so_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(compiling, "cache_folder", lambda: None)
+    lines: list[str] = []
+    for _ in range(2):
+        begin_compiling(lines.append)
+    assert len(lines) == 1
+    assert "each time: set NUMBA_CACHE_DIR" in lines[0]
+    assert not is_compiling()
 
 
-def test_process_waits_while_another_one_compiles_and_starts_no_child(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("subprocess.Popen", None)
-    entered = threading.Event()
+def test_one_process_compiles_and_an_interrupted_one_is_replaced() -> None:
+    folder, lines = cache_folder(), list[str]()
+    assert folder is not None
+    begin_compiling(lines.append)
+    first = compiling._child
+    begin_compiling(lines.append)
+    assert compiling._child is first
+    assert is_compiling()
+    assert first is not None
+    first.communicate()  # ends it before all is compiled
+    assert not is_compiling()
+    assert not wait_until_compiled(folder)
+    begin_compiling(lines.append)
+    assert compiling._child is not first
+    assert len(lines) == 1
 
-    def enter() -> None:
-        with _other_half(tmp_path):
-            entered.set()
 
-    with (tmp_path / "compiling.lock").open("w") as lock:
+def test_nothing_is_started_if_all_loops_are_compiled() -> None:
+    folder, lines = cache_folder(), list[str]()
+    assert folder is not None
+    (folder / ALL_COMPILED).touch()
+    begin_compiling(lines.append)
+    assert (lines, is_compiling(), wait_until_compiled(folder)) == ([], False, True)
+
+
+def test_process_waits_while_another_one_compiles_and_starts_none() -> None:
+    folder, results = cache_folder(), list[bool]()
+    assert folder is not None
+    with (folder / LOCK).open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
-        waiting = threading.Thread(target=enter)
+        begin_compiling()
+        assert compiling._child is None
+        waiting = threading.Thread(target=lambda: results.append(wait_until_compiled(folder)))
         waiting.start()
-        assert not entered.wait(0.2)
+        waiting.join(0.2)
+        assert waiting.is_alive()
+        (folder / ALL_COMPILED).touch()
     waiting.join(10.0)
-    assert entered.is_set()
+    assert results == [True]
 
 
-@pytest.mark.long
-def test_child_process_compiles_the_other_half_into_the_cache(
+@pytest.mark.parametrize(
+    ("typed", "estimates"),
+    [
+        ("trial --lifts 5", True),
+        ("live fake", True),
+        ("estimate frames --estimator slip", True),
+        ("estimate frames --estimator pca", False),
+        ("estimate frames --estimator=pca", False),
+        ("trial --dry-run", False),
+        ("trial --help", False),
+        ("report trial", False),
+        ("--help", False),
+        ("", False),
+    ],
+)
+def test_commands_that_estimate_begin_to_compile_before_they_are_imported(
+    typed: str, estimates: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    done: list[str] = []
+    monkeypatch.setattr(sys, "argv", ["rig", *typed.split()])
+    monkeypatch.setattr(compiling, "begin_compiling", lambda _: done.append("compile"))
+    monkeypatch.setattr("rig.cli.main.main", lambda: done.append("run"))
+    rig.__main__.main()
+    assert done == ["compile", "run"] if estimates else ["run"]
+
+
+def seen_alone(folder: Path) -> bool:
+    """Whether no other task has begun."""
+    (folder / str(os.getpid())).touch()
+    return len(list(folder.iterdir())) == 1
+
+
+def test_one_worker_runs_alone_while_another_process_compiles(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
-    with _other_half(tmp_path):
-        pass
-    compiled = {file.name.split(".")[1].split("-")[0] for file in tmp_path.rglob("*.nbi")}
-    assert {"fit_light", "weigh", "strongest_energy"} <= compiled
-    assert "align" not in compiled
+    begin_compiling(lambda _: None)
+    tasks = [tmp_path / "begun"] * 3
+    tasks[0].mkdir()
+    results = run_tasks(seen_alone, tasks, jobs=2, fork=True)
+    assert next(results)[1] is True
+    assert len(tasks) == 2, "others wait"
+    assert compiling._child is not None
+    compiling._child.kill()
+    assert len(list(results)) == 2
 
 
-def test_cached_loops_of_the_estimator_cause_no_message(caplog: pytest.LogCaptureFixture) -> None:
-    compile_all.cache_clear()
-    compile_all()
-    assert not caplog.messages
+@pytest.mark.heavy
+def test_second_command_compiles_nothing_and_an_interrupted_one_is_continued(
+    tmp_path: Path, cache: Path
+) -> None:
+    folder = cache_folder()
+    assert folder is not None
+    command, quiet = [sys.executable, "-P", "-c", LOAD], subprocess.DEVNULL
+    first = subprocess.Popen(command, stdout=quiet, stderr=quiet)
+    until(lambda: any(folder.glob("*.nbi")), 120.0)
+    first.kill()
+    first.wait()
+    until(lambda: not wait_until_compiled(folder), 60.0)  # the process that compiled has ended
+    begun = {file.name: file.stat().st_mtime_ns for file in folder.glob("*.nbc")}
+    subprocess.run(command, check=True)
+    files = {file.name: file.stat().st_mtime_ns for file in folder.iterdir()}
+    assert begun.items() <= files.items()
+    assert ALL_COMPILED in files
+    (tmp_path / "elsewhere").mkdir()
+    subprocess.run(command, check=True, cwd=tmp_path / "elsewhere")
+    assert {file.name: file.stat().st_mtime_ns for file in folder.iterdir()} == files

@@ -19,7 +19,7 @@ from rig.tactile.contact.gate import Region
 from rig.tactile.sample import SlipSample, State
 from rig.tactile.slip.estimator import SlipEstimator
 from rig.tactile.slip.tearing import Tearing
-from support.marks import long
+from support.marks import heavy
 
 Image = NDArray[np.uint8]
 Draw = Callable[..., Image]
@@ -46,7 +46,7 @@ def lift(
     return [press(angle, seed=i, **{"half_axes": EDGE, **drawn}) for i, angle in enumerate(angles)]
 
 
-@pytest.mark.slow
+@pytest.mark.heavy
 @given(
     start=st.floats(-180, 180),
     turn=st.floats(-45, 45),
@@ -65,6 +65,7 @@ def test_rotation_is_measured_from_any_initial_angle(
     assert turned(samples) == pytest.approx(turn, abs=1.0)
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("light", [(0.8, 1.0, 1.15), (1.15, 0.8, 0.9)])
 def test_drifting_light_changes_neither_angle_nor_rate(
     press: Draw, blank: Image, light: tuple[float, float, float]
@@ -85,6 +86,7 @@ def test_shift_of_a_contact_is_measured_and_nothing_without_one(press: Draw, bla
     assert last.contact_area_px > 0.0
 
 
+@pytest.mark.heavy
 def test_angle_does_not_depend_on_frame_rate_and_dropped_frames(press: Draw, blank: Image) -> None:
     images = lift(press, 24.0, steps=24)
     every = turned(run(SlipEstimator(blank), images))
@@ -94,12 +96,14 @@ def test_angle_does_not_depend_on_frame_rate_and_dropped_frames(press: Draw, bla
     assert few == pytest.approx(every, abs=0.1)
 
 
+@pytest.mark.heavy
 def test_rotation_beyond_360_degrees_is_unwrapped(press: Draw, blank: Image) -> None:
     samples = run(SlipEstimator(blank), lift(press, 400.0, steps=130))
     assert turned(samples) == pytest.approx(400.0, abs=4.0)
     assert any(sample.state is State.REKEYED for sample in samples)
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("half_axes", [(60.0, 60.0), (45.0, 45.0)])
 def test_smooth_round_contact_is_refused_from_its_second_frame_on(
     press: Draw, blank: Image, half_axes: tuple[float, float]
@@ -110,6 +114,7 @@ def test_smooth_round_contact_is_refused_from_its_second_frame_on(
     assert all(sample.angle_deg is None for sample in samples[1:])
 
 
+@pytest.mark.heavy
 def test_repeated_and_late_frames_are_skipped_and_change_no_later_angle(press: Draw, blank: Image) -> None:
     images = lift(press, 20.0, steps=20)
     plain, tracker, samples = run(SlipEstimator(blank), images), SlipEstimator(blank), []
@@ -123,6 +128,7 @@ def test_repeated_and_late_frames_are_skipped_and_change_no_later_angle(press: D
     assert samples[-1].angle_deg == pytest.approx(plain[-1].angle_deg, abs=0.02)
 
 
+@pytest.mark.heavy
 def test_torn_frame_does_not_end_tracking(press: Draw, blank: Image) -> None:
     images = lift(press, 20.0, steps=20)
     torn = [image.copy() for image in images]
@@ -135,6 +141,7 @@ def test_torn_frame_does_not_end_tracking(press: Draw, blank: Image) -> None:
         assert sample.angle_deg is None or abs(sample.angle_deg - honest.angle_deg) < 3.0  # type: ignore[operator]
 
 
+@pytest.mark.heavy
 def test_contact_that_left_and_returned_is_rekeyed_with_large_sigma(press: Draw, blank: Image) -> None:
     gone = [press(None, seed=i) for i in range(60)]
     # The angle changes by 200 degrees per second at most, so the contact is held until it has arrived.
@@ -159,6 +166,7 @@ def test_contact_is_followed_across_distant_frames(press: Draw, blank: Image, ga
         assert sample.angle_deg is None if sample.jumped else sample.angle_deg == pytest.approx(turn, abs=0.5)
 
 
+@pytest.mark.heavy
 @given(frames=st.lists(st.tuples(st.floats(-90, 90), st.floats(0.01, 0.4)), min_size=2, max_size=12))
 @settings(max_examples=10)
 def test_angle_changes_by_at_most_200_degrees_a_second_with_a_finite_sigma(
@@ -212,8 +220,9 @@ def _stretched(image: Image, size: tuple[int, int]) -> Image:
     return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8)
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize(
-    ("size", "most_deg"), [((60, 80), 1.2), ((480, 640), 0.8), *long(((120, 160), 0.8), ((640, 480), 0.8))]
+    ("size", "most_deg"), [((60, 80), 1.2), ((480, 640), 0.8), *heavy(((120, 160), 0.8), ((640, 480), 0.8))]
 )
 def test_any_image_size_is_accepted(press: Draw, size: tuple[int, int], most_deg: float) -> None:
     """The smallest image has no fine copy, and its contact is drawn with a quarter of the strength."""
@@ -275,7 +284,7 @@ def held(background: Image, image: Image, frames: int = 14) -> list[SlipSample]:
     return [tracker.update(picture, i * 16_666_667) for i, picture in enumerate(noisy)]
 
 
-@pytest.mark.slow
+@pytest.mark.heavy
 def test_balls_on_a_real_gel_are_refused(real_data: Path) -> None:
     folder = real_data / "gelsight_ball"
     background = read_image(folder / "background.png")
@@ -286,7 +295,6 @@ def test_balls_on_a_real_gel_are_refused(real_data: Path) -> None:
         assert states == {State.UNOBSERVABLE}, ball.name
 
 
-@pytest.mark.slow
 def test_every_ball_pressed_into_a_real_digit_is_refused() -> None:
     folder = Path(os.environ.get("RIG_DIGIT_BALLS", ""))
     if not (folder / "circles.csv").is_file():
@@ -299,8 +307,7 @@ def test_every_ball_pressed_into_a_real_digit_is_refused() -> None:
         assert states == {State.UNOBSERVABLE}, ball.name
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("panel", [1, 5, 9, *long(2, 3, 4, 6, 7, 8)])
+@pytest.mark.parametrize("panel", [1, 5, 9, *heavy(2, 3, 4, 6, 7, 8)])
 def test_real_contact_at_rest_has_a_constant_angle(real_data: Path, panel: int) -> None:
     panels = [read_image(real_data / "aurova_figures" / "panels" / f"{i}_raw.png") for i in range(1, 10)]
     smallest = tuple(min(p.shape[axis] for p in panels) for axis in (0, 1))

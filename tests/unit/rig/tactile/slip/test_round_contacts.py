@@ -14,11 +14,9 @@ from rig.tactile.estimators import choose_estimator
 from rig.tactile.sample import SlipSample, State
 from rig.tactile.slip.estimator import SlipEstimator
 from support.drawn_sensor import drawn_press
-from support.marks import long
+from support.marks import heavy
 from support.presses import followed_presses
 from support.random_presses import blank
-
-pytestmark = pytest.mark.slow
 
 FORCE_N, STILL, TURNS_DEG = 4.0, 12, np.arange(0.0, 20.1, 0.8)
 
@@ -33,17 +31,18 @@ def ball(radius_mm: float, texture: str = "none", texture_mm: float = 0.0) -> Co
     return ContactShape((Ball(radius_mm=radius_mm),), texture=texture, texture_mm=texture_mm, pitch_mm=1.5)
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize(
     ("radius_mm", "force_n"),
-    [(3.0, 4.0), (6.0, 8.0), (25.0, 4.0), *long((4.0, 4.0), (8.0, 4.0))],
+    [(3.0, 4.0), (6.0, 8.0), (25.0, 4.0), *heavy((4.0, 4.0), (8.0, 4.0))],
 )
 def test_smooth_ball_of_any_depth_is_refused(radius_mm: float, force_n: float) -> None:
     samples = followed(ball(radius_mm), force_n)
     assert {sample.state for sample in samples[1:]} == {State.UNOBSERVABLE}
 
 
-@pytest.mark.parametrize("radius_mm", [3.0, 12.0, *long(6.0, 25.0)])
-@pytest.mark.parametrize("center_mm", [(0.0, 8.0), (6.0, 8.0), *long(((5.0, 0.0),))])
+@pytest.mark.parametrize("radius_mm", [3.0, 12.0, *heavy(6.0, 25.0)])
+@pytest.mark.parametrize("center_mm", [(0.0, 8.0), (6.0, 8.0), *heavy(((5.0, 0.0),))])
 def test_smooth_ball_that_the_border_cuts_is_refused(
     radius_mm: float, center_mm: tuple[float, float]
 ) -> None:
@@ -55,9 +54,10 @@ def test_smooth_ball_that_the_border_cuts_is_refused(
     assert {sample.state for sample in samples[1:]} == {State.UNOBSERVABLE}
 
 
-@pytest.mark.parametrize("radius_mm", [8.0, *long(12.0)])
-@pytest.mark.parametrize("texture", ["leather", "letters", *long("fabric")])
-@pytest.mark.parametrize("texture_mm", [0.08, *long(0.02, 0.05)])
+@pytest.mark.heavy
+@pytest.mark.parametrize("radius_mm", [8.0, *heavy(12.0)])
+@pytest.mark.parametrize("texture", ["leather", "letters", *heavy("fabric")])
+@pytest.mark.parametrize("texture_mm", [0.08, *heavy(0.02, 0.05)])
 def test_ball_with_weak_grain_is_refused_or_has_a_large_sigma(
     radius_mm: float, texture: str, texture_mm: float
 ) -> None:
@@ -70,8 +70,8 @@ def test_ball_with_weak_grain_is_refused_or_has_a_large_sigma(
     assert all(abs(off - result[0][0]) < 2.0 * sigma_deg for off, sigma_deg in result[1:])
 
 
-@pytest.mark.parametrize("radius_mm", [12.0, *long(25.0)])
-@pytest.mark.parametrize("texture", ["ribs", "leather", "letters", *long("knurl", "fabric")])
+@pytest.mark.parametrize("radius_mm", [12.0, *heavy(25.0)])
+@pytest.mark.parametrize("texture", ["ribs", "leather", "letters", *heavy("knurl", "fabric")])
 def test_textured_ball_is_followed(radius_mm: float, texture: str) -> None:
     samples = followed(ball(radius_mm, texture, 0.12))
     angles = np.array([sample.angle_deg for sample in samples[STILL - 1 :]], float)
@@ -94,12 +94,14 @@ def drift(object_id: str, site: int) -> tuple[np.ndarray, np.ndarray]:
     return angles - angles[0], np.array([sample.sigma_deg for sample in answered], float)
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize(("object_id", "site"), [("t1", 0), ("t4", 0), ("t5", 2), ("t7", 1)])
 def test_growing_contact_with_an_edge_keeps_its_angle(object_id: str, site: int) -> None:
     angles, _ = drift(object_id, site)
     assert np.abs(angles).max() < 0.5
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize(("object_id", "site"), [("1", 0), ("7", 0)])
 def test_sigma_covers_the_drift_of_a_poorly_observable_contact(object_id: str, site: int) -> None:
     """A barrel that is round both ways, and a rounded corner."""
@@ -137,6 +139,7 @@ def tenfold() -> list[list[SlipSample]]:
     return [drawn_growth(shares, np.zeros(52), 25.0, 1000 * k) for k in range(3)]
 
 
+@pytest.mark.heavy
 def test_contact_growing_tenfold_keeps_its_angle(tenfold: list[list[SlipSample]]) -> None:
     assert all(len(samples) > 40 for samples in tenfold)
     largest = [max(abs(sample.angle_deg or 0.0) for sample in samples) for samples in tenfold]
@@ -145,6 +148,7 @@ def test_contact_growing_tenfold_keeps_its_angle(tenfold: list[list[SlipSample]]
     assert sum(abs(sample.angle_deg or 0.0) < 2.0 * (sample.sigma_deg or 0.0) for sample in last) >= 2
 
 
+@pytest.mark.heavy
 def test_sigma_of_a_growing_contact_does_not_shrink_with_a_keyframe(tenfold: list[list[SlipSample]]) -> None:
     pairs = [pair for samples in tenfold for pair in pairwise(samples)]
     rekeyed = [pair for pair in pairs if pair[1].state is State.REKEYED]

@@ -79,6 +79,7 @@ def picture(line_deg: float | None, seed: int) -> Image:
     return np.clip(np.rint(110.0 * (1.0 + wide) + rng.normal(0, 1.0, wide.shape)), 0, 255).astype(np.uint8)
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("way", [1.0, -1.0])
 def test_line_turning_on_a_resting_bulge_is_followed(way: float) -> None:
     tracker = SlipEstimator(picture(None, 0))
@@ -89,6 +90,7 @@ def test_line_turning_on_a_resting_bulge_is_followed(way: float) -> None:
     assert samples[-1].angle_deg - samples[9].angle_deg == pytest.approx(turns[-1], abs=1.0)
 
 
+@pytest.mark.heavy
 def test_darkening_specks_do_not_stop_tracking() -> None:
     tracker = SlipEstimator(specked(picture(None, 0), 0.25))
     turns = [0.0] * 10 + [1.5 * i for i in range(28)]

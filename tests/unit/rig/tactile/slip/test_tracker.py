@@ -18,7 +18,7 @@ from rig.tactile.slip.parameters import KEYFRAMES, MOST_RATE_RAD_S
 from rig.tactile.slip.texture_stage import TextureStage
 from rig.tactile.slip.tracker import MOST_REACH_RAD, MOST_TURN_RAD, Contact, Tracked, Tracker
 from support.drawn_sensor import drawn_press
-from support.marks import long
+from support.marks import heavy
 from support.slip_frames import drawn, seen_at
 
 PERIOD_S, REST = 1.0 / 30.0, 12
@@ -62,6 +62,7 @@ def rested() -> Followed:
     return followed
 
 
+@pytest.mark.heavy
 @given(
     start=st.floats(-10.0, 10.0),
     step=st.sampled_from([-1.0, 1.0]),
@@ -78,6 +79,7 @@ def test_rotation_by_up_to_25_degrees_between_distant_frames_is_found(
         assert followed.turned_deg(turn, gap_s) == pytest.approx(turn, abs=1.0)
 
 
+@pytest.mark.heavy
 @given(turns=st.lists(st.floats(-60.0, 60.0), min_size=2, max_size=8), period_s=st.floats(0.02, 0.4))
 @settings(max_examples=10)
 def test_fit_never_jumps_beyond_its_reach(turns: list[float], period_s: float) -> None:
@@ -91,6 +93,7 @@ def test_fit_never_jumps_beyond_its_reach(turns: list[float], period_s: float) -
         since_s = since_s if tracked is None else 0.0
 
 
+@pytest.mark.heavy
 def test_keyframes_are_added_while_turning_and_the_poorest_one_makes_room() -> None:
     followed, evicted = rested(), 0
     for turn in range(0, 150, 3):
@@ -165,7 +168,8 @@ def steps(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     return taken
 
 
-@pytest.mark.parametrize("turn_deg", [60.0, *long(-90.0)])
+@pytest.mark.heavy
+@pytest.mark.parametrize("turn_deg", [60.0, *heavy(-90.0)])
 def test_no_frame_takes_two_long_steps(steps: list[str], blank: Image, turn_deg: float) -> None:
     """The first frame of a contact computes its texture, the second one its map and first keyframe."""
     estimator, before, seen = SlipEstimator(blank), 0, set[str]()

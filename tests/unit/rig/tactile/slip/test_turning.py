@@ -18,7 +18,7 @@ from rig.training.turning_examples import example_of
 UNSEEN = 90_001
 
 
-@pytest.mark.slow
+@pytest.mark.heavy
 def test_shipped_network_separates_turning_from_resting_on_unseen_faces() -> None:
     drawn, network = turning_frames(UNSEEN), shipped_turning()
     result, true, weights = [], [], []

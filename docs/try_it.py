@@ -31,7 +31,7 @@ NEEDS = {
     r"my_lab|my_bag|shared_objects|monday|/data/": "needs files of yours",
     r"^rig train": "needs the extra train",
     r"PRESSES|my_twin": "needs photographs of a pressed ball",
-    r"benchmark clips|^rig fit-slip": "needs labels drawn by hand",
+    "benchmark clips": "needs labels drawn by hand",
     "TactileTracking": "needs a public set",
     r"^rig trial --resume(?! --out)": "needs an unfinished session",
 }

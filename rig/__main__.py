@@ -11,7 +11,6 @@ STOPPED = 3
 """Exit code of a command that a person stopped (`rig.cli.common.Exit`)."""
 ESTIMATING = (
     "trial", "replay", "live", "estimate", "explain", "label-angle", "bridge", "benchmark", "train-turning",
-    "fit-slip",
 )  # fmt: skip
 """Commands that estimate with `slip` unless another estimator is named."""
 NO_ESTIMATE = {"-h", "--help", "--dry-run"}

@@ -65,8 +65,6 @@ COMMANDS = {
         "object, and export it.",
         "benchmark": "Measure the rig, and print the results as tables. Without a command: estimators.",
         "model": "List the networks of the rig; import a checkpoint of your own.",
-        "fit-slip": "Fit the parameters of slip by maximum likelihood, to clips and SIMULATED lifts with "
-        "known angles.",
     },
     "Calibrate": {
         "calibrate": "Calibrate cameras, sensors, gripper, tool and clocks; write files with uncertainty "
@@ -96,8 +94,6 @@ class Program(Group):
 
 def _load(name: str) -> Any:
     """Import and return a command of `COMMANDS`."""
-    if name == "fit-slip":
-        return import_module("rig.cli.benchmark").load_study("slip_fit")
     variable = name.replace("-", "_")
     module = import_module(f"rig.cli.{MODULES.get(variable, variable)}")
     return as_command(name, getattr(module, variable))

@@ -8,12 +8,9 @@ from rig.tactile.contact.model_files import MODELS
 
 MOST_RATE_RAD_S = math.radians(200.0)
 """Highest rotation rate of an object in a gripper."""
-FILE = "slip.json"
-Values = dict[str, dict[str, float]]
-"""Parameters by group and name."""
 
 
-@dataclass(slots=True)
+@dataclass(frozen=True, slots=True)
 class Motion:
     """Prediction of the pose.
 
@@ -26,7 +23,7 @@ class Motion:
     rate_s: float
 
 
-@dataclass(slots=True)
+@dataclass(frozen=True, slots=True)
 class Alignment:
     """Alignment of a frame to the keyframes.
 
@@ -71,7 +68,7 @@ class Alignment:
     closing_gain: float
 
 
-@dataclass(slots=True)
+@dataclass(frozen=True, slots=True)
 class Keyframes:
     """Keyframes, and weights by the network.
 
@@ -95,7 +92,7 @@ class Keyframes:
     turning: float
 
 
-@dataclass(slots=True)
+@dataclass(frozen=True, slots=True)
 class Sigma:
     """Standard deviation of the angle.
 
@@ -117,7 +114,7 @@ class Sigma:
     pace_s: float
 
 
-@dataclass(slots=True)
+@dataclass(frozen=True, slots=True)
 class Fusion:
     """Fusion of two fingertips, see `rig.lift.object_angle`.
 
@@ -130,21 +127,7 @@ class Fusion:
     correlation: float
 
 
-def shipped() -> Values:
-    """Return the parameters that come with the product."""
-    found: Values = json.loads((MODELS / FILE).read_text())["parameters"]
-    return found
-
-
-def use(values: Values) -> None:
-    """Replace all parameters in this process. Estimators that exist should not be used any more."""
-    for name, group in GROUPS.items():
-        for parameter, value in values[name].items():
-            setattr(group, parameter, value)
-
-
-_SHIPPED = shipped()
+_SHIPPED: dict[str, dict[str, float]] = json.loads((MODELS / "slip.json").read_text())["parameters"]
 MOTION, ALIGNMENT = Motion(**_SHIPPED["motion"]), Alignment(**_SHIPPED["alignment"])
 KEYFRAMES, SIGMA = Keyframes(**_SHIPPED["keyframes"]), Sigma(**_SHIPPED["sigma"])
 FUSION = Fusion(**_SHIPPED["fusion"])
-GROUPS = {"motion": MOTION, "alignment": ALIGNMENT, "keyframes": KEYFRAMES, "sigma": SIGMA, "fusion": FUSION}

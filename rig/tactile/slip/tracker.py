@@ -164,7 +164,6 @@ class Contact:
         self._usual_score, self._checked, self._looked_s = 1.0, 0, touch.time_s
         self._weighed_s = touch.time_s
         self._texture_leads, self._led, self.disagrees = False, 0, False
-        self._joint: Pose | None = None
         self._alone: Fit | None = None
         self._aligned: list[Reading] = []
         self._forced, self._rekeyed, self.anchored_px = False, True, 0j
@@ -238,7 +237,6 @@ class Contact:
         From now on the middle of the contact is tracked: while it grew, the point may have moved along it.
         """
         self._forced, self._anew, first = True, True, self._readings[0]
-        self._joint = None
         self.anchored_px = self._middle_px - first.pose.point_px
         for reading in self._readings[1:]:
             reading.join(first)
@@ -366,18 +364,17 @@ class Contact:
         self._looked_s = seen.time_s
         texture = seen.texture(busy)
         aligner.view_texture(texture)
-        joint = self._jointly(seen, alone, gap, busy or texture.heavy)
+        joint = self._jointly(seen, gap, busy or texture.heavy)
         self._read_further(joint, seen.time_s)
         angles = [reading.pose.angle_rad for reading in self._readings]
         if gap or max(angles) - min(angles) > APART_RAD:
             joint = self._with_others(joint)
+        led, self._texture_leads = self._texture_leads, True
         if alone is not None:
             aligner.read_as(self._readings[0])
-            margin = 0.0 if self._texture_leads else ALIGNMENT.more_score
-            if joint.rank < aligner.at(alone.pose).rank + margin:
-                self._texture_leads, self._joint = False, None
+            if not is_texture_better(joint.rank - aligner.at(alone.pose).rank, led):
+                self._texture_leads = False
                 return alone, True
-        self._texture_leads, self._joint = True, joint.pose
         return joint, True
 
     def _explains(self, alone: Fit, time_s: float) -> bool:
@@ -408,10 +405,10 @@ class Contact:
         self._aligner.read_as(first)
         return max(joint, self._aligner.both(starts), key=lambda fit: fit.rank)
 
-    def _jointly(self, seen: Seen, alone: Fit | None, gap: bool, busy: bool) -> Fit:
+    def _jointly(self, seen: Seen, gap: bool, busy: bool) -> Fit:
         """Align both channels, and search for a better pose after a gap or if the fit is worse than usual."""
-        aligner, own = self._aligner, self._joint
-        found = aligner.both([self.pose] if alone is None or own is None else [own, alone.pose])
+        aligner = self._aligner
+        found = aligner.both([self.pose])
         self._usual_score += 0.2 * (min(found.score, 1.5) - self._usual_score)
         self._checked += 1
         self.disagrees = found.loss >= ALIGNMENT.most_loss
@@ -447,6 +444,15 @@ class Contact:
             turns = math.ceil(self._reach_rad(time_s) / GRID_RAD)
             starts += [self._aligner.sought(Pose(angle, at), turns, FAR_STEPS) for at in (shifted, point)]
         return starts
+
+
+def is_texture_better(gain: float, leads: bool) -> bool:
+    """Whether the joint pose is the answer although the slopes explain the frame.
+
+    gain: of its rank over the pose of the slopes. leads: whether it was the answer before. Because two limits
+    differ, noise of the ranks does not show two poses in turn.
+    """
+    return gain >= (0.0 if leads else ALIGNMENT.more_score)
 
 
 def _middle(mask: Image) -> complex:

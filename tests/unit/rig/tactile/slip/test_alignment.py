@@ -142,7 +142,7 @@ def test_flat_frame_gives_no_map_and_no_keyframe() -> None:
 def test_alignment_to_noise_is_finite_and_scores_below_the_limit(seed: int) -> None:
     aligner = aligner_on(0.0, 0j, reading_of(ALIGNMENT.slopes_share), [KEY])
     noise = np.random.default_rng(seed).normal(0.0, 0.1, (4, 80, 60)).astype(np.float32)
-    aligner.view(noise, (0, 0), reading_of(ALIGNMENT.slopes_share), AT_START.angle_rad)
+    aligner.view(noise, (0, 0), reading_of(ALIGNMENT.slopes_share))
     rough = texture_of(np.random.default_rng(seed).normal(0.0, 0.1, (160, 120, 3)).astype(np.float32))
     aligner.view_texture(rough)
     fit = aligner.both([AT_START])

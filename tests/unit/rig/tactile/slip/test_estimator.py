@@ -3,8 +3,10 @@
 import math
 import os
 from collections.abc import Callable, Iterable
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -19,6 +21,7 @@ from rig.tactile.contact.gate import Region
 from rig.tactile.sample import SlipSample, State
 from rig.tactile.slip.estimator import SlipEstimator
 from rig.tactile.slip.tearing import Tearing
+from rig.tactile.slip.tracker import Tracked, Tracker
 from support.marks import heavy
 
 Image = NDArray[np.uint8]
@@ -194,6 +197,19 @@ def test_sigma_grows_when_the_frame_disagrees_with_its_keyframes(press: Draw, bl
     samples = run(SlipEstimator(blank), [*rest, *other])
     sigmas = [sample.sigma_deg or math.inf for sample in samples[REST - 1 :]]
     assert min(sigmas[1:]) > 2.0 * sigmas[0]
+
+
+def test_a_loss_however_large_adds_at_most_three_degrees_to_sigma(
+    press: Draw, blank: Image, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    follow = Tracker.follow
+
+    def lost(*arguments: Any) -> Tracked | None:
+        tracked = follow(*arguments)
+        return tracked and replace(tracked, worst_loss=50.0)
+
+    monkeypatch.setattr(Tracker, "follow", lost)
+    assert 3.0 < run(SlipEstimator(blank), lift(press, 0.0))[-1].sigma_deg < 3.5
 
 
 def test_running_every_stage_gives_the_same_angles(press: Draw, blank: Image) -> None:

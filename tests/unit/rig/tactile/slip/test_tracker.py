@@ -14,9 +14,16 @@ from rig.tactile.slip.alignment import Aligner
 from rig.tactile.slip.estimator import SlipEstimator
 from rig.tactile.slip.gradient import learn_map
 from rig.tactile.slip.loops import MOST_KEYS
-from rig.tactile.slip.parameters import KEYFRAMES, MOST_RATE_RAD_S
+from rig.tactile.slip.parameters import ALIGNMENT, KEYFRAMES, MOST_RATE_RAD_S
 from rig.tactile.slip.texture_stage import TextureStage
-from rig.tactile.slip.tracker import MOST_REACH_RAD, MOST_TURN_RAD, Contact, Tracked, Tracker
+from rig.tactile.slip.tracker import (
+    MOST_REACH_RAD,
+    MOST_TURN_RAD,
+    Contact,
+    Tracked,
+    Tracker,
+    is_texture_better,
+)
 from support.drawn_sensor import drawn_press
 from support.marks import heavy
 from support.slip_frames import drawn, seen_at
@@ -123,6 +130,28 @@ def test_keyframe_gets_the_pose_of_its_own_frame_although_it_is_made_later() -> 
     tracked = followed.show(9.0)
     assert tracked.rekeyed
     assert followed.key_angles_deg()[-1] == pytest.approx(asked, abs=0.3)
+
+
+def test_loss_and_spread_before_the_keyframe_of_the_settled_contact_are_forgotten_with_it() -> None:
+    followed = Followed()
+    for frame in range(3):
+        followed.show(0.0, seed=frame)
+    followed.contact._worst_loss = followed.contact._worst_spread_rad = 5.0
+    worst = [followed.show(0.0, seed=3 + frame) for frame in range(REST)]
+    assert worst[0].worst_loss == 5.0
+    assert worst[-1].worst_loss < 0.3
+    assert worst[-1].worst_spread_rad < math.radians(1.0)
+
+
+@given(
+    gains=st.lists(st.floats(0.0, ALIGNMENT.more_score, exclude_max=True), min_size=1), leads=st.booleans()
+)
+def test_lead_does_not_change_while_neither_slopes_nor_texture_are_clearly_better(
+    gains: list[float], leads: bool
+) -> None:
+    assert all(is_texture_better(gain, leads) is leads for gain in gains)
+    assert is_texture_better(ALIGNMENT.more_score, leads)
+    assert not is_texture_better(-0.01, leads)
 
 
 def test_no_keyframe_is_made_of_torn_frames() -> None:

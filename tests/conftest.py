@@ -42,9 +42,9 @@ pytest_plugins = ("rig.contract_checks", "support.side_by_side", "support.cpu_li
 # After a time without output the name of a phase is printed, so the output would depend on the host's load.
 screen.SILENT_S = 600.0
 
-FUZZ_CASES, ALL_FUZZ_CASES = 60, 1000
+FUZZ_CASES, ALL_FUZZ_CASES = 60, 300
 """Damaged inputs per format, without and with --all."""
-PROPERTY_CASES, ALL_PROPERTY_CASES = 8, 200
+PROPERTY_CASES, ALL_PROPERTY_CASES = 8, 60
 """Examples of a property test that sets no number itself, without and with --all."""
 LONGEST_ID = 100
 """Longest text that is part of a test's name, characters."""

@@ -342,8 +342,9 @@ def align(
 ) -> float:  # fmt: skip
     """Align a frame to keyframes jointly, from several starts (S, 3); `out` gets the result of highest rank.
 
-    The starts are overwritten with their ends. The rank is the score minus the missing agreement of the
-    frame's curvature times `score_of_loss`.
+    The starts are overwritten with their ends. At an end, robust weights that are computed there ask for no
+    further step: with those of the start, the end would lie nearer to the start. The rank is the score minus
+    the missing agreement of the frame's curvature times `score_of_loss`.
     bank: (K, 3, ROWS, N), with facts (K, FACTS); used: which of them, the richest first. slopes: (4, h, w),
     texture: (3, h, w). views: of both, pixels per work pixel, and an offset in x and y. weights: (K, 2, N).
     channels: 1 for slopes alone, with plain weights. most: iterations. part: every Nth point is used.
@@ -364,9 +365,9 @@ def align(
             sums[k, channel, 0], sums[k, channel, 1] = total, energy
     for s in range(len(starts)):
         angle, x, y = starts[s, 0], starts[s, 1], starts[s, 2]
-        iteration, last, same = 0, most == 0, False
+        iteration, last, same, still = 0, most == 0, False, False
         while not same:
-            renew = iteration == 0 or iteration == RENEWED_AFTER
+            renew = iteration == 0 or iteration == RENEWED_AFTER or still
             normal[:] = 0.0
             pulled[:] = 0.0
             for k in used:
@@ -410,7 +411,8 @@ def align(
             iteration += 1
             for end in starts[:s]:
                 same |= abs(end[0] - angle) < SAME_RAD and abs(end[1] - x) + abs(end[2] - y) < SAME_PX
-            last = (abs(turned) < DONE_RAD and abs(right) + abs(down) < DONE_PX) or iteration >= most
+            still = abs(turned) < DONE_RAD and abs(right) + abs(down) < DONE_PX
+            last = (still and renew) or iteration >= most
         starts[s, 0], starts[s, 1], starts[s, 2] = angle, x, y
         if same:
             continue

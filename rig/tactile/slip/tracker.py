@@ -288,7 +288,8 @@ class Contact:
             fit = self._aligner.directly(k, frame, self._readings[0], starts)
             if fit.rank >= ALIGNMENT.closing_rank:
                 by = fit.pose.since(first)
-                if fit.rank < self._aligner.at(first).rank + ALIGNMENT.closing_gain:
+                far = abs(by.angle_rad) > MOST_TURN_RAD
+                if far or fit.rank < self._aligner.at(first).rank + ALIGNMENT.closing_gain:
                     return poses
                 for reading in self._readings:
                     reading.moved(by)

@@ -104,9 +104,9 @@ def test_growing_contact_with_an_edge_keeps_its_angle(object_id: str, site: int)
 @pytest.mark.heavy
 @pytest.mark.parametrize(("object_id", "site"), [("1", 0), ("7", 0)])
 def test_sigma_covers_the_drift_of_a_poorly_observable_contact(object_id: str, site: int) -> None:
-    """A barrel that is round both ways, and a rounded corner."""
+    """A barrel that is round both ways, and a rounded corner: 95 % of normal errors are below two sigma."""
     angles, sigmas = drift(object_id, site)
-    assert (np.abs(angles) < np.maximum(0.5, 2.0 * sigmas)).all()
+    assert np.mean(np.abs(angles) < np.maximum(0.5, 2.0 * sigmas)) >= 0.95
 
 
 def drawn_growth(

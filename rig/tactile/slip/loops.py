@@ -417,7 +417,7 @@ def align(
         if same:
             continue
         score = best = lacks = 0.0
-        heavy, loss = 1e-12, 0.0
+        heavy, loss, most_own = 1e-12, 0.0, -1.0
         for k in used:
             weight, turn = facts[k, SHARE], angle - facts[k, ANGLE]
             heavy += weight
@@ -430,8 +430,9 @@ def align(
             count = int(facts[k, COUNTED + CURVED])
             lack = 1.0 - _agreement(bank[k, CURVED], slopes, views[SLOPES], at_x, at_y, turn, count)
             lacks += weight * lack
-            if k == used[0]:
-                loss = max(lack, LEAST_LOSS) / max(facts[k, OWN], LEAST_LOSS)
+            if facts[k, OWN] > most_own:
+                most_own = facts[k, OWN]
+                loss = max(lack, LEAST_LOSS) / max(most_own, LEAST_LOSS)
         rank = (score - score_of_loss * lacks) / heavy
         if s == 0:
             first = rank

@@ -64,8 +64,9 @@ class Fit:
     """A pose, and how well the keyframes fit there.
 
     score: mean of -log(1 - correlation^2) / 2, summed over the channels. best: highest correlation of the
-    slopes. loss: missing agreement of the frame's curvature with the richest keyframe, divided by the loss
-    after a rotation by 10 degrees. rank: score minus the mean missing agreement. alone: from slopes alone.
+    slopes. loss: missing agreement of the frame's curvature with the keyframe that shows a rotation best,
+    divided by the loss after a rotation by 10 degrees. rank: score minus the mean missing agreement. alone:
+    from slopes alone.
     """
 
     pose: Pose

@@ -40,7 +40,7 @@ MOST_TURN_STEP_RAD, MOST_STEP_PX = 0.1, 1.5
 LEAST_MISFIT, LEAST_GAIN, MOST_GAIN = 0.02, 0.3, 2.0
 LEAST_UNEXPLAINED = 0.1
 # Result of an alignment: angle, x and y of the point, score, best correlation of the slopes, loss of the
-# richest keyframe, rank.
+# keyframe with the largest own one, rank.
 ANGLE_AT, SCORE, BEST, LOSS, RANK, RESULTS = 0, 3, 4, 5, 6, 7
 # The cosine is not known better than this.
 LEAST_LOSS = 0.01

@@ -65,11 +65,6 @@ class RelativeDifference:
         """The factor of a frame's pixels, (h, w, 3), and the value subtracted then."""
         return self._weight, self._relative
 
-    @property
-    def blocks(self) -> tuple[NDArray[np.float64], NDArray[np.float64], int]:
-        """Means of the background's blocks, (3, N), their weights, and how many are trusted."""
-        return self._sample, self._sample_weight, self._trusted
-
     def reduced(self, image: Image) -> Image:
         """Return the reduced copy, (h, w, 3) uint8."""
         # OpenCV has a fast path for halving, which is several times faster than other reductions.

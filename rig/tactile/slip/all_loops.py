@@ -26,13 +26,10 @@ from rig.tactile.slip.loops import (
 )  # fmt: skip
 from rig.tactile.slip.pixels import (
     beyond_noise,
-    divergence,
-    fit_light,
     lit,
     slopes_in,
     strongest_energy,
     summed_tensor,
-    without_broad,
 )  # fmt: skip
 
 
@@ -99,13 +96,10 @@ def _call_other_half() -> None:
         np.zeros((8, 8, 3), np.float32),
         np.ones((8, 8), np.uint8),
     )
-    few, pairs, views = np.ones((3, 4)), np.zeros((8, 8, 2), np.float32), np.ones((2, 3))
-    fit_light(few, few, few, 1, 1, 0.01, 1e-3, 0.02, np.ones((2, 3)))
+    pairs, views = np.zeros((8, 8, 2), np.float32), np.ones((2, 3))
     places, begins, image = np.zeros((2, 1), np.int32), np.zeros(2, np.int32), np.zeros((3, 8, 8), np.uint8)
     lit(image, 0, 0, np.ones((2, 3)), planes, planes, places, begins, places, planes[0, 0], 255, planes)
     slopes_in(work, np.zeros((6, 8, 8), np.float32), 0, 0, pairs)
-    without_broad(pairs, pairs, 1.0, mask, 0, 0, planes)
-    divergence(pairs, planes[0].copy())
     summed_tensor(planes, planes.copy())
     beyond_noise(planes, 0.0, (1, 1, 1, 1), planes[0], planes.copy())
     strongest_energy(planes, mask, 1, 0, 0, 1)

@@ -6,17 +6,9 @@ from numpy.typing import NDArray
 
 from drivers.types import Image
 from rig.tactile.contact.gel_marks import GelMarks
-from rig.tactile.contact.relative import (
-    DARKEST_GAIN,
-    GAIN_ROUNDS,
-    NEGLIGIBLE,
-    OFFSET_RIDGE,
-    SATURATED,
-    RelativeDifference,
-    block_means,
-)
+from rig.tactile.contact.relative import SATURATED, RelativeDifference
 from rig.tactile.slip.height import Box, Field
-from rig.tactile.slip.pixels import fit_light, lit
+from rig.tactile.slip.pixels import lit
 
 Light = NDArray[np.float64]
 """Gain and offset per channel, (2, 3)."""
@@ -39,21 +31,8 @@ class Lit:
         return self._difference.reduced(image)
 
     def light(self, work: Image) -> Light:
-        """Return the same as `RelativeDifference.light_of`."""
-        sample, weight, trusted = self._difference.blocks
-        light = np.empty((2, 3))
-        fit_light(
-            block_means(work),
-            sample,
-            weight,
-            trusted,
-            GAIN_ROUNDS,
-            OFFSET_RIDGE,
-            NEGLIGIBLE,
-            DARKEST_GAIN,
-            light,
-        )
-        return light
+        """Return gain and offset of a reduced copy, see `RelativeDifference.light_of`."""
+        return np.array(self._difference.light_of(work))
 
     def unfilled(self, copy: Image, light: Light) -> Field:
         """Return the difference of a reduced copy with its marks, (h, w, 3)."""

@@ -1,4 +1,4 @@
-"""Compiled passes over the pixels of planes (3, h, w): light, difference, gel marks, slopes, structure."""
+"""Compiled passes over the pixels of planes (3, h, w): difference, gel marks, slopes, structure."""
 
 import math
 
@@ -9,71 +9,6 @@ from rig.tactile.slip.compiled import compiled
 
 Field = NDArray[np.float32]
 Image = NDArray[np.uint8]
-
-
-@compiled
-def _kth(values: NDArray[np.float64], k: int) -> float:
-    """Return the k-th smallest value (Hoare's selection); reorders the values."""
-    low, high = 0, len(values) - 1
-    while low < high:
-        pivot, i, j = values[(low + high) // 2], low, high
-        while i <= j:
-            while values[i] < pivot:
-                i += 1
-            while values[j] > pivot:
-                j -= 1
-            if i <= j:
-                values[i], values[j] = values[j], values[i]
-                i += 1
-                j -= 1
-        if k <= j:
-            high = j
-        elif k >= i:
-            low = i
-        else:
-            return values[k]
-    return values[k]
-
-
-@compiled
-def fit_light(
-    seen: NDArray[np.float64], sample: NDArray[np.float64], weight: NDArray[np.float64], trusted: int,
-    rounds: int, ridge: float, negligible: float, darkest: float, light: NDArray[np.float64],
-) -> None:  # fmt: skip
-    """Fit gain and offset per channel, light (2, 3); see `RelativeDifference.light_of`."""
-    count = seen.shape[1]
-    misfits, ordered = np.empty(count), np.empty(count)
-    for k in range(3):
-        for i in range(count):
-            ordered[i] = (seen[k, i] + 1.0) / (sample[k, i] + 1.0)
-        light[0, k], light[1, k] = _kth(ordered, count // 2), 0.0
-    for _ in range(rounds):
-        for i in range(count):
-            misfits[i] = 0.0
-            for k in range(3):
-                misfits[i] += abs(seen[k, i] - light[0, k] * sample[k, i] - light[1, k]) * weight[k, i]
-            ordered[i] = misfits[i]
-        most = _kth(ordered, trusted - 1)
-        for k in range(3):
-            known, known_square, mean, product, many = 0.0, 0.0, 0.0, 0.0, 0
-            for i in range(count):
-                if misfits[i] <= most:
-                    many += 1
-                    known += sample[k, i]
-                    known_square += sample[k, i] ** 2
-                    mean += seen[k, i]
-                    product += seen[k, i] * sample[k, i]
-            known, known_square, mean, product = (
-                known / many,
-                known_square / many,
-                mean / many,
-                product / many,
-            )
-            pull = (ridge - 1.0) * known
-            light[0, k] = (product + pull * mean + negligible) / (known_square + pull * known + negligible)
-            light[1, k] = mean - light[0, k] * known
-    for k in range(3):
-        light[0, k] = max(light[0, k], darkest)
 
 
 @compiled
@@ -123,37 +58,6 @@ def slopes_in(difference: Field, colours: Field, top: int, left: int, out: Field
             one, two, three = seen[c, 0], seen[c, 1], seen[c, 2]
             out[r, c, 0] = by[0, c] * one + by[1, c] * two + by[2, c] * three
             out[r, c, 1] = by[3, c] * one + by[4, c] * two + by[5, c] * three
-
-
-@compiled
-def without_broad(
-    slopes: Field, broad: Field, share: float, mask: Image, top: int, left: int, planes: Field
-) -> None:
-    """Subtract a share of the broad part; planes (3, h, w) get slopes and the mask."""
-    part = np.float32(share)
-    for r in range(slopes.shape[0]):
-        for c in range(slopes.shape[1]):
-            planes[0, r, c] = slopes[r, c, 0] - part * broad[r, c, 0]
-            planes[1, r, c] = slopes[r, c, 1] - part * broad[r, c, 1]
-            planes[2, r, c] = np.float32(mask[top + r, left + c])
-
-
-@compiled
-def divergence(slopes: Field, out: Field) -> None:
-    """Compute the divergence of slopes (h, w, 2), the curvature of the gel; 0 at the border."""
-    side, straight = np.float32(3.0 / 32.0), np.float32(10.0 / 32.0)
-    out[:] = np.float32(0.0)
-    for r in range(1, slopes.shape[0] - 1):
-        for c in range(1, slopes.shape[1] - 1):
-            a, b, d, e = (
-                slopes[r - 1, c - 1],
-                slopes[r - 1, c + 1],
-                slopes[r + 1, c - 1],
-                slopes[r + 1, c + 1],
-            )
-            x = side * (b[0] - a[0] + e[0] - d[0]) + straight * (slopes[r, c + 1, 0] - slopes[r, c - 1, 0])
-            y = side * (d[1] - a[1] + e[1] - b[1]) + straight * (slopes[r + 1, c, 1] - slopes[r - 1, c, 1])
-            out[r, c] = x + y
 
 
 @compiled

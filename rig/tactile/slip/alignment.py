@@ -26,10 +26,15 @@ from rig.tactile.slip.loops import (
     LEVER_Y,
     MOST_KEYS,
     MOST_POINTS,
-    RESULTS,
+    PLAIN,
     SCRATCH,
     SLOPES,
     TEXTURE,
+    Found,
+    Grid,
+    Keys,
+    Plan,
+    Planes,
     align,
     sought,
     weigh,
@@ -124,13 +129,14 @@ class Aligner:
     def __init__(self) -> None:
         self._weights = np.zeros((MOST_KEYS, 2, MOST_POINTS), np.float32)
         self._scratch = np.zeros((MOST_KEYS, 2, SCRATCH, MOST_POINTS), np.float32)
-        self._out, self._views = np.zeros(RESULTS), np.array([[1.0, 0.0, 0.0]] * 2)
+        self._views = np.array([[1.0, 0.0, 0.0]] * 2)
         self._keys: list[Keyframe] = []
 
     def take(self, keys: list[Keyframe]) -> None:
         """Use other keyframes from now on."""
         self._keys, best = keys, max(key.richness for key in keys)
         self._bank = np.stack([key.rows for key in keys])
+        self._plain = np.ascontiguousarray(self._bank[:, :CURVED, PLAIN])
         self._facts = np.stack([key.facts((key.richness / best) ** KEYFRAMES.power) for key in keys])
 
     def view(self, slopes: Field, corner_px: tuple[int, int], reading: Reading) -> None:
@@ -149,10 +155,12 @@ class Aligner:
     def view_texture(self, texture: Texture) -> None:
         """Take the texture too, and weigh its points: texture that has not moved may belong to the gel."""
         self._views[TEXTURE], self._texture = texture.view, texture.planes
-        weigh(
-            self._bank, self._facts, self.used, self._slopes, self._texture, self._views,
-            ALIGNMENT.rest_share, ALIGNMENT.noise_share, self._weights,
-        )  # fmt: skip
+        keys, frame = Keys(self._bank, self._facts, self.used), self._frame
+        weigh(keys, frame, ALIGNMENT.rest_share, ALIGNMENT.noise_share, self._weights)
+
+    @property
+    def _frame(self) -> Planes:
+        return Planes(self._slopes, self._texture, self._views)
 
     def read_as(self, reading: Reading) -> None:
         """Align with the poses of the keyframes, and the weight of the slopes, of a reading."""
@@ -163,13 +171,12 @@ class Aligner:
 
     def alone(self, start: Pose) -> Fit:
         """Align the slopes alone."""
-        self._run(self.used, [start], int(ALIGNMENT.iterations), channels=1)
-        return self._fit(alone=True)
+        plan = Plan(self._share, ALIGNMENT.score_of_loss, 1, int(ALIGNMENT.iterations), 1)
+        return _fit(self._run(self.used, [start], plan, self._plain)[0], alone=True)
 
     def both(self, starts: Sequence[Pose]) -> Fit:
         """Align both channels from several starts; return the fit with the highest rank."""
-        self._run(self.used, starts, int(ALIGNMENT.iterations))
-        return self._fit()
+        return _fit(self._jointly(self.used, starts, int(ALIGNMENT.iterations))[0])
 
     def directly(
         self,
@@ -187,13 +194,12 @@ class Aligner:
 
     def at(self, pose: Pose) -> Fit:
         """Return how well both channels fit at a pose, without a step."""
-        self._run(self.used, [pose], 0)
-        return self._fit()
+        return _fit(self._jointly(self.used, [pose], 0)[0])
 
     def coarse(self, starts: Sequence[Pose]) -> tuple[Fit, float]:
         """Align roughly to the richest keyframe; return the best fit, and the rank from the first start."""
-        first = self._run(self.used[:1], starts, COARSE_ITERATIONS, part=COARSE_PART)
-        return self._fit(), first
+        found, first = self._jointly(self.used[:1], starts, COARSE_ITERATIONS, COARSE_PART)
+        return _fit(found), first
 
     def sought(self, around: Pose, turns: int, steps: int) -> Pose:
         """Return the pose on a grid at which the curvature agrees best with the richest keyframe.
@@ -201,12 +207,11 @@ class Aligner:
         turns, steps: number of steps of `GRID_RAD` and `GRID_PX` to either side.
         """
         k, pose = self.used[0], np.array([around.angle_rad, around.point_px.real, around.point_px.imag])
+        grid = Grid(turns, GRID_RAD, steps, GRID_PX, COARSE_PART)
         rim = 2 * (steps * GRID_PX + 1)
         plane = cv2.copyMakeBorder(self._slopes[CURVATURE], rim, rim, rim, rim, cv2.BORDER_CONSTANT)
-        angle, x, y = sought(
-            self._bank[k, CURVED], self._facts[k], plane, self._views[SLOPES] + (0.0, rim, rim), pose,
-            COARSE_PART, GRID_RAD, turns, GRID_PX, steps,
-        )  # fmt: skip
+        view = self._views[SLOPES] + (0.0, rim, rim)
+        angle, x, y = sought(self._bank[k, CURVED], self._facts[k], plane, view, pose, grid)
         return Pose(angle, complex(x, y))
 
     def _chosen(self, angles_rad: list[float], near_rad: float) -> NDArray[np.int64]:
@@ -217,15 +222,20 @@ class Aligner:
         others = sorted((k for k in good if k != richest), key=lambda k: abs(angles_rad[k] - near_rad))
         return np.array([richest, *others[: int(KEYFRAMES.used) - 1]], np.int64)
 
-    def _run(
-        self, used: NDArray[np.int64], starts: Sequence[Pose], most: int, channels: int = 2, part: int = 1
-    ) -> float:
-        at = np.array([(angle, point.real, point.imag) for angle, point in starts])
-        return align(
-            self._bank, self._facts, used, self._slopes, self._texture, self._views, self._weights,
-            self._scratch, at, self._share, ALIGNMENT.score_of_loss, channels, most, part, self._out,
-        )  # fmt: skip
+    def _jointly(
+        self, used: NDArray[np.int64], starts: Sequence[Pose], most: int, part: int = 1
+    ) -> tuple[Found, float]:
+        plan = Plan(self._share, ALIGNMENT.score_of_loss, 2, most, part)
+        return self._run(used, starts, plan, self._weights)
 
-    def _fit(self, alone: bool = False) -> Fit:
-        angle, x, y, score, best, loss, rank = self._out.tolist()
-        return Fit(Pose(angle, complex(x, y)), score, best, loss, rank, alone)
+    def _run(
+        self, used: NDArray[np.int64], starts: Sequence[Pose], plan: Plan, weights: Field
+    ) -> tuple[Found, float]:
+        at = np.array([(angle, point.real, point.imag) for angle, point in starts])
+        keys = Keys(self._bank, self._facts, used)
+        return align(keys, self._frame, weights, self._scratch, at, plan)
+
+
+def _fit(found: Found, alone: bool = False) -> Fit:
+    pose = Pose(found.angle_rad, complex(found.x, found.y))
+    return Fit(pose, found.score, found.best, found.loss, found.rank, alone)

@@ -16,14 +16,17 @@ from rig.tactile.slip.loops import (
     FACTS,
     MOST_KEYS,
     MOST_POINTS,
-    RESULTS,
     ROWS,
     SCRATCH,
+    Grid,
+    Keys,
+    Plan,
+    Planes,
     align,
-    kept,
+    self_loss,
     sought,
     weigh,
-)  # fmt: skip
+)
 from rig.tactile.slip.pixels import (
     beyond_noise,
     lit,
@@ -72,37 +75,38 @@ def compile_into_cache() -> None:
 
 def _call_one_loop() -> None:
     """Call a loop that `align` shares inner loops with."""
-    bank, facts = np.zeros((3, ROWS, MOST_POINTS), np.float32), np.ones(FACTS)
-    kept(bank[0], facts, np.zeros((4, 8, 8), np.float32), np.ones(3), 0.1)
+    keys, frame = _keys(), _frame()
+    self_loss(keys.bank[0, CURVED], keys.facts[0], frame.slopes, frame.views[0], 0.1)
 
 
 def _call_one_half() -> None:
     """Call the largest loop, and one more."""
-    bank, facts = np.zeros((1, 3, ROWS, MOST_POINTS), np.float32), np.ones((1, FACTS))
-    planes, views = np.zeros((4, 8, 8), np.float32), np.ones((2, 3))
+    keys, frame = _keys(), _frame()
     weights = np.zeros((MOST_KEYS, 2, MOST_POINTS), np.float32)
     scratch = np.zeros((MOST_KEYS, 2, SCRATCH, MOST_POINTS), np.float32)
-    align(
-        bank, facts, np.zeros(1, np.int64), planes, planes, views, weights, scratch, np.zeros((1, 3)), 1.0,
-        1.0, 2, 1, 3, np.zeros(RESULTS),
-    )  # fmt: skip
-    sought(bank[0, CURVED], facts[0], planes[0], views[0], np.zeros(3), 1, 0.1, 1, 1, 1)
+    align(keys, frame, weights, scratch, np.zeros((1, 3)), Plan(1.0, 1.0, 2, 1, 3))
+    grid = Grid(1, 0.1, 1, 1, 1)
+    sought(keys.bank[0, CURVED], keys.facts[0], frame.slopes[0], frame.views[0], np.zeros(3), grid)
 
 
 def _call_other_half() -> None:
     """Call all other loops, which together take as long to compile."""
-    planes, work, mask = (
-        np.zeros((4, 8, 8), np.float32),
-        np.zeros((8, 8, 3), np.float32),
-        np.ones((8, 8), np.uint8),
-    )
-    pairs, views = np.zeros((8, 8, 2), np.float32), np.ones((2, 3))
+    keys, frame = _keys(), _frame()
+    planes, mask, work = frame.slopes, np.ones((8, 8), np.uint8), np.zeros((8, 8, 3), np.float32)
     places, begins, image = np.zeros((2, 1), np.int32), np.zeros(2, np.int32), np.zeros((3, 8, 8), np.uint8)
     lit(image, 0, 0, np.ones((2, 3)), planes, planes, places, begins, places, planes[0, 0], 255, planes)
-    slopes_in(work, np.zeros((6, 8, 8), np.float32), 0, 0, pairs)
+    slopes_in(work, np.zeros((6, 8, 8), np.float32), 0, 0, np.zeros((8, 8, 2), np.float32))
     summed_tensor(planes, planes.copy())
     beyond_noise(planes, 0.0, (1, 1, 1, 1), planes[0], planes.copy())
     strongest_energy(planes, mask, 1, 0, 0, 1)
-    bank, facts = np.zeros((1, 3, ROWS, MOST_POINTS), np.float32), np.ones((1, FACTS))
-    weights = np.zeros((MOST_KEYS, 2, MOST_POINTS), np.float32)
-    weigh(bank, facts, np.zeros(1, np.int64), planes, planes, views, 0.1, 0.1, weights)
+    weigh(keys, frame, 0.1, 0.1, np.zeros((MOST_KEYS, 2, MOST_POINTS), np.float32))
+
+
+def _keys() -> Keys:
+    bank = np.zeros((1, 3, ROWS, MOST_POINTS), np.float32)
+    return Keys(bank, np.ones((1, FACTS)), np.zeros(1, np.int64))
+
+
+def _frame() -> Planes:
+    planes = np.zeros((4, 8, 8), np.float32)
+    return Planes(planes, planes, np.ones((2, 3)))

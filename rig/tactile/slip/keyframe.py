@@ -23,7 +23,7 @@ from rig.tactile.slip.loops import (
     WEIGHT,
     X,
     Y,
-    kept,
+    self_loss,
 )
 from rig.tactile.slip.parameters import ALIGNMENT, SIGMA
 from rig.tactile.slip.slopes import CURVATURE, slope_planes
@@ -155,7 +155,7 @@ def _with_curvature(key: Keyframe, planes: Field, box: Box) -> Keyframe:
     points[Y, : len(chosen)] = rows[chosen] + (top - key.center_px.imag)
     points[FIRST, : len(chosen)] = values[chosen]
     curved = replace(key, counted=(*key.counted[:2], len(chosen)))
-    own = float(kept(points, curved.facts(1.0), planes, np.array([1.0, -left, -top]), PROBE_RAD))
+    own = float(self_loss(points, curved.facts(1.0), planes, np.array([1.0, -left, -top]), PROBE_RAD))
     return replace(
         curved,
         own=own,

@@ -7,6 +7,7 @@ all. Sums are of single precision, within vectors of the processor.
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,18 +40,95 @@ MOST_TURN_STEP_RAD, MOST_STEP_PX = 0.1, 1.5
 # A channel is never weighted as if it fitted better than this share of its energy.
 LEAST_MISFIT, LEAST_GAIN, MOST_GAIN = 0.02, 0.3, 2.0
 LEAST_UNEXPLAINED = 0.1
-# Result of an alignment: angle, x and y of the point, score, best correlation of the slopes, loss of the
-# keyframe with the largest own one, rank.
-ANGLE_AT, SCORE, BEST, LOSS, RANK, RESULTS = 0, 3, 4, 5, 6, 7
 # The cosine is not known better than this.
 LEAST_LOSS = 0.01
 # Rows of scratch memory per channel: robust weights, and these times the derivatives.
 SCRATCH = 13
 
+At = tuple[float, float, float]
+"""Where the middle of a keyframe's points is in a frame, x and y, and by which angle it has turned."""
+
+
+class Keys(NamedTuple):
+    """Keyframes. bank: (K, 3, ROWS, N), facts: (K, FACTS). used: which of them, the richest first."""
+
+    bank: Values
+    facts: Sums
+    used: NDArray[np.int64]
+
+
+class Planes(NamedTuple):
+    """A frame. slopes: (4, h, w). texture: (3, h, w).
+
+    views: (2, 3), of both channels: pixels per work pixel, and an offset in x and y.
+    """
+
+    slopes: Values
+    texture: Values
+    views: Sums
+
+
+class Grid(NamedTuple):
+    """A grid of poses: number of steps to either side, and their sizes. part: every Nth point is used."""
+
+    turns: int
+    turn_rad: float
+    steps: int
+    step_px: int
+    part: int
+
+
+class Plan(NamedTuple):
+    """How to align.
+
+    slopes_share: weight of the slopes beside the texture. loss_share: weight of the curvature's missing
+    agreement in the rank. channels: 1 for slopes alone. most: iterations, 0 to judge the start. part: every
+    Nth point is used.
+    """
+
+    slopes_share: float
+    loss_share: float
+    channels: int
+    most: int
+    part: int
+
+
+class Found(NamedTuple):
+    """Where an alignment ends: see `rig.tactile.slip.alignment.Fit`."""
+
+    angle_rad: float
+    x: float
+    y: float
+    score: float
+    best: float
+    loss: float
+    rank: float
+
+
+class _Work(NamedTuple):
+    """Memory of an alignment.
+
+    weights: (K, 2, N), of the points. scratch: (K, 2, SCRATCH, N). sums: (K, 2, 2), weight and energy of each
+    template. matrices: (K, 2, 6, 6) and offsets: (K, 2, 6), of the equations. fits: (K, 2), correlations.
+    """
+
+    weights: Values
+    scratch: Values
+    sums: Sums
+    matrices: Sums
+    offsets: Sums
+    fits: Sums
+
+
+@compiled
+def _count(facts: Sums, channel: int, part: int) -> int:
+    """Return the number of points of a keyframe's channel, of every Nth one."""
+    return (int(facts[COUNTED + channel]) + part - 1) // part
+
 
 @compiled
 def _placed(
-    key: Values, shape: tuple[int, int], view: Sums, x: float, y: float, angle: float, rim: int, count: int
+    key: Values, shape: tuple[int, int], view: Sums, place: At, rim: int, count: int
 ) -> tuple[NDArray[np.int32], Values]:
     """Return where a keyframe's points, moved, are in a plane (h, w).
 
@@ -58,7 +136,7 @@ def _placed(
     and right below; 0 for points outside the plane or less than `rim` pixels inside its border. This is apart
     from the reading, because the compiler vectorises only this part.
     """
-    scale, width, first = view[0], np.int32(shape[1]), np.float32(rim)
+    (x, y, angle), scale, width, first = place, view[0], np.int32(shape[1]), np.float32(rim)
     cosine, sine = np.float32(math.cos(angle) * scale), np.float32(math.sin(angle) * scale)
     right, down = np.float32(x * scale + view[1]), np.float32(y * scale + view[2])
     last_x, last_y = np.float32(shape[1] - rim - 1.001), np.float32(shape[0] - rim - 1.001)
@@ -80,32 +158,30 @@ def _placed(
 
 
 @compiled
-def _read(
-    key: Values, planes: Values, view: Sums, x: float, y: float, angle: float, turns: int, unit: float,
-    count: int, values: Values,
-) -> None:  # fmt: skip
-    """Read planes (3, h, w) at a keyframe's points, moved, vectors turned back, into values; 0 outside."""
-    at, parts = _placed(key, planes.shape[1:], view, x, y, angle, 0, count)
-    back, aslant = np.float32(math.cos(turns * angle) * unit), np.float32(math.sin(turns * angle) * unit)
+def _read(keys: Keys, k: int, channel: int, frame: Planes, place: At, count: int, values: Values) -> None:
+    """Read a channel at a keyframe's points, moved, with vectors turned back, into values; 0 outside."""
+    key, view = keys.bank[k, channel], frame.views[channel]
+    planes, unit = (frame.texture, keys.facts[k, UNIT]) if channel else (frame.slopes, 1.0)
+    at, parts = _placed(key, planes.shape[1:], view, place, 0, count)
+    angle = (1 + channel) * place[2]
+    back, aslant = np.float32(math.cos(angle) * unit), np.float32(math.sin(angle) * unit)
     third, step, line = np.float32(unit), np.uintp(1), np.uintp(planes.shape[2])
     one, two, three = planes[0].reshape(-1), planes[1].reshape(-1), planes[2].reshape(-1)
     for i in range(count):
-        k = np.uintp(at[i])
+        n = np.uintp(at[i])
         a, b, d, e = parts[0, i], parts[1, i], parts[2, i], parts[3, i]
-        v = a * one[k] + b * one[k + step] + d * one[k + line] + e * one[k + line + step]
-        w = a * two[k] + b * two[k + step] + d * two[k + line] + e * two[k + line + step]
-        u = a * three[k] + b * three[k + step] + d * three[k + line] + e * three[k + line + step]
+        v = a * one[n] + b * one[n + step] + d * one[n + line] + e * one[n + line + step]
+        w = a * two[n] + b * two[n + step] + d * two[n + line] + e * two[n + line + step]
+        u = a * three[n] + b * three[n + step] + d * three[n + line] + e * three[n + line + step]
         values[0, i] = v * back - w * aslant
         values[1, i] = v * aslant + w * back
         values[2, i] = u * third
 
 
 @compiled
-def _agreement(
-    key: Values, planes: Values, view: Sums, x: float, y: float, angle: float, count: int
-) -> float | np.float32:
+def _agreement(key: Values, planes: Values, view: Sums, place: At, count: int) -> float | np.float32:
     """Return the cosine between a keyframe's curvature and that of planes (4, h, w) at its points, moved."""
-    at, parts = _placed(key, planes.shape[1:], view, x, y, angle, 0, count)
+    at, parts = _placed(key, planes.shape[1:], view, place, 0, count)
     plane, step, line = planes[3].reshape(-1), np.uintp(1), np.uintp(planes.shape[2])
     product, power, energy = np.float32(0.0), np.float32(1e-20), np.float32(1e-20)
     for i in range(count):
@@ -119,8 +195,8 @@ def _agreement(
 
 
 @compiled
-def kept(curved: Values, facts: Sums, slopes: Values, view: Sums, turn: float) -> float | np.floating:
-    """Return how much a rotation reduces the curvature's cosine with itself: mean of both directions."""
+def self_loss(curved: Values, facts: Sums, slopes: Values, view: Sums, turn: float) -> float | np.floating:
+    """Return 1 - cosine of the curvature with itself after a rotation: the mean of both directions."""
     cosine, x, y, count = 0.0, 0.0, 0.0, int(facts[COUNTED + CURVED])
     for i in range(count):
         x += curved[X, i] / count
@@ -129,21 +205,20 @@ def kept(curved: Values, facts: Sums, slopes: Values, view: Sums, turn: float) -
         # Their middle does not move.
         at_x = facts[MIDDLE_X] + x - (x * math.cos(angle) + y * math.sin(angle))
         at_y = facts[MIDDLE_Y] + y - (y * math.cos(angle) - x * math.sin(angle))
-        cosine += _agreement(curved, slopes, view, at_x, at_y, angle, count)
+        cosine += _agreement(curved, slopes, view, (at_x, at_y, angle), count)
     return 1.0 - cosine / 2.0
 
 
 @compiled
 def sought(
-    key: Values, facts: Sums, plane: Values, view: Sums, pose: Sums, part: int, turn_rad: float,
-    turns: int, step_px: int, steps: int,
-) -> tuple[float, float, float]:  # fmt: skip
+    key: Values, facts: Sums, plane: Values, view: Sums, pose: Sums, grid: Grid
+) -> tuple[float, float, float]:
     """Return angle and point at which the curvature of a frame agrees best, on a grid around a pose.
 
     Its steps are whole pixels: so the weights of neighbouring pixels are computed once per angle. plane:
     curvature (h, w), with zeros around it that are twice as wide as the grid reaches.
     """
-    count, x, y = (int(facts[COUNTED + CURVED]) + part - 1) // part, 0.0, 0.0
+    count, x, y = _count(facts, CURVED, grid.part), 0.0, 0.0
     for i in range(count):
         x += key[X, i] / count
         y += key[Y, i] / count
@@ -154,17 +229,17 @@ def sought(
     middle_y = pose[2] + y * math.cos(turn) - x * math.sin(turn)
     best, found = -2.0, (pose[0], pose[1], pose[2])
     flat, step, line = plane.reshape(-1), np.uintp(1), np.uintp(plane.shape[1])
-    for k in range(-turns, turns + 1):
-        turn = pose[0] - facts[ANGLE] + k * turn_rad
+    rim = grid.steps * grid.step_px + 1
+    for k in range(-grid.turns, grid.turns + 1):
+        turn = pose[0] - facts[ANGLE] + k * grid.turn_rad
         cosine, sine = math.cos(turn), math.sin(turn)
         at_x, at_y = middle_x - (x * cosine + y * sine), middle_y - (y * cosine - x * sine)
         away_x = facts[LEVER_X] * cosine + facts[LEVER_Y] * sine
         away_y = facts[LEVER_Y] * cosine - facts[LEVER_X] * sine
-        rim = steps * step_px + 1
-        at, parts = _placed(key, plane.shape, view, at_x - away_x, at_y - away_y, turn, rim, count)
-        for i in range(-steps, steps + 1):
-            for j in range(-steps, steps + 1):
-                shift, product, power = (j * plane.shape[1] + i) * step_px, np.float32(0.0), np.float32(1e-20)
+        at, parts = _placed(key, plane.shape, view, (at_x - away_x, at_y - away_y, turn), rim, count)
+        for i in range(-rim + 1, rim, grid.step_px):
+            for j in range(-rim + 1, rim, grid.step_px):
+                shift, product, power = j * plane.shape[1] + i, np.float32(0.0), np.float32(1e-20)
                 for n in range(count):
                     at_n = np.uintp(at[n] + shift)
                     above = parts[0, n] * flat[at_n] + parts[1, n] * flat[at_n + step]
@@ -173,27 +248,20 @@ def sought(
                     power += value * value
                 fit = product / math.sqrt(power)
                 if fit > best:
-                    best, found = fit, (turn + facts[ANGLE], at_x + i * step_px, at_y + j * step_px)
+                    best, found = fit, (turn + facts[ANGLE], at_x + i, at_y + j)
     return found
 
 
 @compiled
-def weigh(
-    bank: Values, facts: Sums, used: NDArray[np.int64], slopes: Values, texture: Values, views: Sums,
-    rest_share: float, noise_share: float, weights: Values,
-) -> None:  # fmt: skip
+def weigh(keys: Keys, frame: Planes, rest_share: float, noise_share: float, weights: Values) -> None:
     """Compute the weights of points (K, 2, N): those that fit as if nothing had moved may be the gel's."""
     values = np.empty((3, MOST_POINTS), np.float32)
     share = np.float32(rest_share)
-    for k in used:
+    for k in keys.used:
+        facts = keys.facts[k]
         for channel in range(2):
-            key, count = bank[k, channel], int(facts[k, COUNTED + channel])
-            unit = facts[k, UNIT] if channel else 1.0
-            planes = texture if channel else slopes
-            _read(
-                key, planes, views[channel], facts[k, MIDDLE_X], facts[k, MIDDLE_Y], 0.0, 1 + channel, unit,
-                count, values,
-            )  # fmt: skip
+            key, count = keys.bank[k, channel], int(facts[COUNTED + channel])
+            _read(keys, k, channel, frame, (facts[MIDDLE_X], facts[MIDDLE_Y], 0.0), count, values)
             mean, out = np.float32(0.0), weights[k, channel]
             for i in range(count):
                 mean += key[SQUARE, i]
@@ -213,21 +281,23 @@ def weigh(
 
 @compiled
 def _equations(
-    key: Values, channel: int, weights: Values, scratch: Values, offset: Sums, values: Values, count: int,
-    total: float, energy: float, renew: bool, matrix: Sums, pulls: Sums,
-) -> tuple[float | np.float32, float | np.float32]:  # fmt: skip
-    """Compute pulls (P,), and robust weights, normal matrix and offset if `renew`.
+    key: Values, work: _Work, k: int, channel: int, values: Values, count: int, renew: bool, pulls: Sums
+) -> float | np.float32:
+    """Compute pulls (P,) and the correlation with the template; robust weights and the matrix if `renew`.
 
-    Return the weight of the matrix, and the correlation of the frame with the template.
+    Return the weight of the matrix.
     """
+    weights, scratch = work.weights[k, channel], work.scratch[k, channel]
+    matrix, offset = work.matrices[k, channel], work.offsets[k, channel]
+    total, energy = work.sums[k, channel, 0], work.sums[k, channel, 1]
     components, size = 2 + channel, PARAMETERS - 3 * channel
     first, robust = FIRST + components, scratch[0]
     product, power = np.float32(0.0), np.float32(0.0)
-    for k in range(components):
+    for c in range(components):
         for i in range(count):
-            weighted = weights[i] * values[k, i]
-            product += weighted * key[FIRST + k, i]
-            power += weighted * values[k, i]
+            weighted = weights[i] * values[c, i]
+            product += weighted * key[FIRST + c, i]
+            power += weighted * values[c, i]
     gain = 1.0
     if channel:
         gain = min(max(product / energy, LEAST_GAIN), MOST_GAIN)
@@ -244,28 +314,29 @@ def _equations(
                 robust[i] *= values[2, i]
         for a in range(size):
             offset[a] = 0.0
-            for k in range(components):
-                row, sum_ = a * components + k, np.float32(0.0)
+            for c in range(components):
+                row, sum_ = a * components + c, np.float32(0.0)
                 for i in range(count):
                     scratch[1 + row, i] = robust[i] * key[first + row, i]
-                    sum_ += scratch[1 + row, i] * key[FIRST + k, i]
+                    sum_ += scratch[1 + row, i] * key[FIRST + c, i]
                 offset[a] += sum_
             for b in range(a + 1):
                 entry = np.float32(0.0)
-                for k in range(components):
-                    row, other = 1 + a * components + k, first + b * components + k
+                for c in range(components):
+                    row, other = 1 + a * components + c, first + b * components + c
                     for i in range(count):
                         entry += scratch[row, i] * key[other, i]
                 matrix[a, b] = matrix[b, a] = entry
     share = gain / max(misfit, LEAST_MISFIT * energy)
     for a in range(size):
         pull = np.float32(0.0)
-        for k in range(components):
-            row = 1 + a * components + k
+        for c in range(components):
+            row = 1 + a * components + c
             for i in range(count):
-                pull += scratch[row, i] * values[k, i]
+                pull += scratch[row, i] * values[c, i]
         pulls[a] = share * (pull - gain * offset[a])
-    return share * gain, product / math.sqrt(power * energy + 1e-30)
+    work.fits[k, channel] = product / math.sqrt(power * energy + 1e-30)
+    return share * gain
 
 
 @compiled
@@ -311,13 +382,10 @@ def _solved(matrix: Sums, pulls: Sums) -> tuple[float, float, float]:
 
 @compiled
 def _add(
-    matrix: Sums, pulls: Sums, share: float, cosine: float, sine: float, x: float, y: float, normal: Sums,
-    pulled: Sums,
-) -> None:  # fmt: skip
-    """Add equations in rotation and shift of a keyframe to those in angle and point, `normal` and `pulled`.
-
-    x, y: the lever.
-    """
+    matrix: Sums, pulls: Sums, share: float, turn: float, facts: Sums, normal: Sums, pulled: Sums
+) -> None:
+    """Add a keyframe's equations in rotation and shift to those in angle and point, `normal` and `pulled`."""
+    cosine, sine, x, y = math.cos(turn), math.sin(turn), facts[LEVER_X], facts[LEVER_Y]
     # The columns of the basis are (1, -y, x), (0, cosine, sine), (0, -sine, cosine).
     a, b, c = matrix[0, 0], matrix[0, 1], matrix[0, 2]
     d, e, f = matrix[1, 1], matrix[1, 2], matrix[2, 2]
@@ -335,108 +403,120 @@ def _add(
 
 
 @compiled
-def align(
-    bank: Values, facts: Sums, used: NDArray[np.int64], slopes: Values, texture: Values, views: Sums,
-    weights: Values, scratch: Values, starts: Sums, slopes_share: float, score_of_loss: float, channels: int,
-    most: int, part: int, out: Sums,
-) -> float:  # fmt: skip
-    """Align a frame to keyframes jointly, from several starts (S, 3); `out` gets the result of highest rank.
+def _at(facts: Sums, angle: float, x: float, y: float) -> At:
+    """Return where a keyframe is at a pose."""
+    turn = angle - facts[ANGLE]
+    cosine, sine = math.cos(turn), math.sin(turn)
+    at_x = x - (cosine * facts[LEVER_X] + sine * facts[LEVER_Y])
+    return at_x, y - (cosine * facts[LEVER_Y] - sine * facts[LEVER_X]), turn
 
-    The starts are overwritten with their ends. At an end, robust weights that are computed there ask for no
-    further step: with those of the start, the end would lie nearer to the start. The rank is the score minus
-    the missing agreement of the frame's curvature times `score_of_loss`.
-    bank: (K, 3, ROWS, N), with facts (K, FACTS); used: which of them, the richest first. slopes: (4, h, w),
-    texture: (3, h, w). views: of both, pixels per work pixel, and an offset in x and y. weights: (K, 2, N).
-    channels: 1 for slopes alone, with plain weights. most: iterations. part: every Nth point is used.
-    out: see `RESULTS`. Return the rank from the first start.
-    """
-    values, sums = np.empty((3, MOST_POINTS), np.float32), np.empty((MOST_KEYS, 2, 2))
-    matrices, offsets = np.zeros((MOST_KEYS, 2, 6, 6)), np.zeros((MOST_KEYS, 2, 6))
-    normal, scaled, pulls, pulled = np.zeros((3, 3)), np.zeros((6, 6)), np.zeros(6), np.zeros(3)
-    fits, first = np.zeros((MOST_KEYS, 2)), 0.0
-    out[RANK] = -1e9
-    for k in used:
-        for channel in range(channels):
-            total, energy, key = np.float32(1e-20), np.float32(1e-20), bank[k, channel]
-            row = key[PLAIN] if channels == 1 else weights[k, channel]
-            for i in range((int(facts[k, COUNTED + channel]) + part - 1) // part):
+
+@compiled
+def _sum_templates(keys: Keys, work: _Work, plan: Plan) -> None:
+    """Compute the weight and the energy of each template."""
+    for k in keys.used:
+        for channel in range(plan.channels):
+            total, energy, key = np.float32(1e-20), np.float32(1e-20), keys.bank[k, channel]
+            row = work.weights[k, channel]
+            for i in range(_count(keys.facts[k], channel, plan.part)):
                 total += row[i]
                 energy += row[i] * key[SQUARE, i]
-            sums[k, channel, 0], sums[k, channel, 1] = total, energy
+            work.sums[k, channel, 0], work.sums[k, channel, 1] = total, energy
+
+
+@compiled
+def _step(
+    keys: Keys, frame: Planes, work: _Work, plan: Plan, pose: At, renew: bool, last: bool
+) -> tuple[float, float, float]:
+    """Return the step in angle and point from a pose, and compute how well each channel fits there.
+
+    renew: whether to compute robust weights and matrices. last: whether only the fits are needed.
+    """
+    values, scaled, pulls = np.empty((3, MOST_POINTS), np.float32), np.zeros((6, 6)), np.zeros(6)
+    normal, pulled = np.zeros((3, 3)), np.zeros(3)
+    for k in keys.used:
+        facts = keys.facts[k]
+        place = _at(facts, pose[0], pose[1], pose[2])
+        for channel in range(plan.channels):
+            key, count = keys.bank[k, channel], _count(facts, channel, plan.part)
+            _read(keys, k, channel, frame, place, count, values)
+            share = _equations(key, work, k, channel, values, count, renew, pulls)
+            matrix = work.matrices[k, channel]
+            if channel == 0:
+                if last and plan.channels == 1:
+                    work.fits[k, 0] = _trimmed(key, work.scratch[k, 0, 0], values, count)
+                for a in range(PARAMETERS):
+                    pulls[a] *= plan.slopes_share
+                    for b in range(PARAMETERS):
+                        scaled[a, b] = plan.slopes_share * share * matrix[a, b]
+                _eliminate(scaled, pulls)
+                matrix, share = scaled, 1.0
+            for a in range(MOTION):
+                pulls[a] *= facts[SHARE]
+            _add(matrix, pulls, facts[SHARE] * share, place[2], facts, normal, pulled)
+    turn, right, down = _solved(normal, pulled)
+    turn = min(max(turn, -MOST_TURN_STEP_RAD), MOST_TURN_STEP_RAD)
+    right = min(max(right, -MOST_STEP_PX), MOST_STEP_PX)
+    return turn, right, min(max(down, -MOST_STEP_PX), MOST_STEP_PX)
+
+
+@compiled
+def _judged(keys: Keys, frame: Planes, work: _Work, plan: Plan, pose: At) -> Found:
+    """Return how well the keyframes fit at a pose, whose correlations are known."""
+    score, best, lacks, heavy, loss, most_own = 0.0, 0.0, 0.0, 1e-12, 0.0, -1.0
+    for k in keys.used:
+        facts = keys.facts[k]
+        heavy += facts[SHARE]
+        best = max(best, work.fits[k, 0])
+        for channel in range(plan.channels):
+            fit = max(work.fits[k, channel], 0.0)
+            score -= 0.5 * facts[SHARE] * math.log(max(1.0 - fit * fit, LEAST_UNEXPLAINED))
+        place, count = _at(facts, pose[0], pose[1], pose[2]), int(facts[COUNTED + CURVED])
+        lack = 1.0 - _agreement(keys.bank[k, CURVED], frame.slopes, frame.views[SLOPES], place, count)
+        lacks += facts[SHARE] * lack
+        if facts[OWN] > most_own:
+            most_own = facts[OWN]
+            loss = max(lack, LEAST_LOSS) / max(most_own, LEAST_LOSS)
+    rank = (score - plan.loss_share * lacks) / heavy
+    return Found(pose[0], pose[1], pose[2], score / heavy, best, loss, rank)
+
+
+@compiled
+def align(
+    keys: Keys, frame: Planes, weights: Values, scratch: Values, starts: Sums, plan: Plan
+) -> tuple[Found, float]:
+    """Align a frame to keyframes jointly, from several starts (S, 3).
+
+    Return where the rank is highest, and the rank from the first start. The starts are overwritten with their
+    ends. At an end, robust weights that are computed there ask for no further step: with those of the start,
+    the end would lie nearer to the start. weights: (K, 2, N). scratch: (K, 2, SCRATCH, N).
+    """
+    work = _Work(
+        weights, scratch, np.empty((MOST_KEYS, 2, 2)), np.zeros((MOST_KEYS, 2, 6, 6)),
+        np.zeros((MOST_KEYS, 2, 6)), np.zeros((MOST_KEYS, 2)),
+    )  # fmt: skip
+    _sum_templates(keys, work, plan)
+    found, first = Found(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, -1e9), 0.0
     for s in range(len(starts)):
         angle, x, y = starts[s, 0], starts[s, 1], starts[s, 2]
-        iteration, last, same, still = 0, most == 0, False, False
+        iteration, last, same, still = 0, plan.most == 0, False, False
         while not same:
             renew = iteration == 0 or iteration == RENEWED_AFTER or still
-            normal[:] = 0.0
-            pulled[:] = 0.0
-            for k in used:
-                turn = angle - facts[k, ANGLE]
-                cosine, sine = math.cos(turn), math.sin(turn)
-                at_x = x - (cosine * facts[k, LEVER_X] + sine * facts[k, LEVER_Y])
-                at_y = y - (cosine * facts[k, LEVER_Y] - sine * facts[k, LEVER_X])
-                for channel in range(channels):
-                    key, matrix = bank[k, channel], matrices[k, channel]
-                    count = (int(facts[k, COUNTED + channel]) + part - 1) // part
-                    row = key[PLAIN] if channels == 1 else weights[k, channel]
-                    planes, unit = texture if channel else slopes, facts[k, UNIT] if channel else 1.0
-                    _read(key, planes, views[channel], at_x, at_y, turn, 1 + channel, unit, count, values)
-                    share, fits[k, channel] = _equations(
-                        key, channel, row, scratch[k, channel], offsets[k, channel], values, count,
-                        sums[k, channel, 0], sums[k, channel, 1], renew, matrix, pulls,
-                    )  # fmt: skip
-                    if channel == 0:
-                        if last and channels == 1:
-                            fits[k, 0] = _trimmed(key, scratch[k, 0, 0], values, count)
-                        for a in range(6):
-                            pulls[a] *= slopes_share
-                            for b in range(6):
-                                scaled[a, b] = slopes_share * share * matrix[a, b]
-                        _eliminate(scaled, pulls)
-                        matrix, share = scaled, 1.0
-                    weight = facts[k, SHARE]
-                    for a in range(3):
-                        pulls[a] *= weight
-                    _add(
-                        matrix, pulls, weight * share, cosine, sine, facts[k, LEVER_X], facts[k, LEVER_Y],
-                        normal, pulled,
-                    )  # fmt: skip
+            turn, right, down = _step(keys, frame, work, plan, (angle, x, y), renew, last)
             if last:
                 break
-            step = _solved(normal, pulled)
-            turned = min(max(step[0], -MOST_TURN_STEP_RAD), MOST_TURN_STEP_RAD)
-            right = min(max(step[1], -MOST_STEP_PX), MOST_STEP_PX)
-            down = min(max(step[2], -MOST_STEP_PX), MOST_STEP_PX)
-            angle, x, y = angle + turned, x + right, y + down
+            angle, x, y = angle + turn, x + right, y + down
             iteration += 1
             for end in starts[:s]:
                 same |= abs(end[0] - angle) < SAME_RAD and abs(end[1] - x) + abs(end[2] - y) < SAME_PX
-            still = abs(turned) < DONE_RAD and abs(right) + abs(down) < DONE_PX
-            last = (still and renew) or iteration >= most
+            still = abs(turn) < DONE_RAD and abs(right) + abs(down) < DONE_PX
+            last = (still and renew) or iteration >= plan.most
         starts[s, 0], starts[s, 1], starts[s, 2] = angle, x, y
         if same:
             continue
-        score = best = lacks = 0.0
-        heavy, loss, most_own = 1e-12, 0.0, -1.0
-        for k in used:
-            weight, turn = facts[k, SHARE], angle - facts[k, ANGLE]
-            heavy += weight
-            best = max(best, fits[k, 0])
-            for channel in range(channels):
-                fit = max(fits[k, channel], 0.0)
-                score -= 0.5 * weight * math.log(max(1.0 - fit * fit, LEAST_UNEXPLAINED))
-            at_x = x - (math.cos(turn) * facts[k, LEVER_X] + math.sin(turn) * facts[k, LEVER_Y])
-            at_y = y - (math.cos(turn) * facts[k, LEVER_Y] - math.sin(turn) * facts[k, LEVER_X])
-            count = int(facts[k, COUNTED + CURVED])
-            lack = 1.0 - _agreement(bank[k, CURVED], slopes, views[SLOPES], at_x, at_y, turn, count)
-            lacks += weight * lack
-            if facts[k, OWN] > most_own:
-                most_own = facts[k, OWN]
-                loss = max(lack, LEAST_LOSS) / max(most_own, LEAST_LOSS)
-        rank = (score - score_of_loss * lacks) / heavy
+        judged = _judged(keys, frame, work, plan, (angle, x, y))
         if s == 0:
-            first = rank
-        if rank > out[RANK]:
-            out[ANGLE_AT], out[1], out[2], out[SCORE], out[BEST] = angle, x, y, score / heavy, best
-            out[LOSS], out[RANK] = loss, rank
-    return first
+            first = judged.rank
+        if judged.rank > found.rank:
+            found = judged
+    return found, first

@@ -3,7 +3,6 @@
 One tactile sensor, frame by frame, causal.
 """
 
-import math
 from dataclasses import replace
 from functools import cache
 
@@ -11,7 +10,6 @@ import cv2
 import numpy as np
 
 from calibration.gel.look import GelLook
-from drivers.clock import NS_PER_S
 from drivers.types import Image
 from rig.tactile.blas_threads import one_blas_thread
 from rig.tactile.contact.gate import Region, find_contact
@@ -23,16 +21,14 @@ from rig.tactile.slip.all_loops import compile_all
 from rig.tactile.slip.gradient import CalibratedSlopes, LearntGradientMap, learn_map
 from rig.tactile.slip.height import Field
 from rig.tactile.slip.light import Light, Lit
-from rig.tactile.slip.parameters import ALIGNMENT, MOST_RATE_RAD_S, MOTION, SIGMA
+from rig.tactile.slip.report import Report, extrapolated
 from rig.tactile.slip.tearing import Tearing
 from rig.tactile.slip.texture import Texture, fine_scale
 from rig.tactile.slip.texture_stage import TextureStage
-from rig.tactile.slip.tracker import Seen, Tracked, Tracker
+from rig.tactile.slip.tracker import Seen, Tracker
 
 WEAK_SHARE = 0.5
 """A contact that falls below this fraction of its largest strength times area may have ended."""
-ANY_TURN_RAD = math.pi / math.sqrt(12.0)
-"""Largest standard deviation: all angles within a half turn to either side are equally likely."""
 
 
 def _learnt_alone(difference: Field, mask: Image) -> LearntGradientMap | None:
@@ -63,7 +59,7 @@ class SlipEstimator(FreshFrameEstimator):
         compile_all()
         size = work_size(background.shape, aspect or 1.0)
         self._skip = skip
-        self._px_per_work = background.shape[1] / size[0], background.shape[0] / size[1]
+        self._report = Report((background.shape[1] / size[0], background.shape[0] / size[1]))
         scale = fine_scale(background.shape, size)
         fine = scale * size[0], scale * size[1]
         marked = found_marks(background, fine)
@@ -78,9 +74,7 @@ class SlipEstimator(FreshFrameEstimator):
         self._work = np.zeros(0, np.uint8)
         self._computed: SlipSample | None = None
         self._seen_ns: int | None = None
-        self._gone = self._settled = False
-        self._fitted_ns = self._answered_ns = 0
-        self._begin()
+        self._gone = False
 
     def gripped_further(self) -> None:
         """Take a keyframe of the present contact at its angle, because older keyframes fit it less well."""
@@ -92,7 +86,7 @@ class SlipEstimator(FreshFrameEstimator):
         fine = self._fine_lit.reduced(image)
         work = self._lit.reduced(fine)
         if self._skip and self._computed is not None and np.array_equal(work, self._work):
-            return self._repeated(self._computed, time_ns)
+            return replace(extrapolated(self._computed, time_ns), stage_s={}, skipped=self.stages)
         self._work, self._computed = work, self._fresh(image, fine, work, time_ns, watch)
         return self._computed
 
@@ -126,7 +120,8 @@ class SlipEstimator(FreshFrameEstimator):
             watch.lap("texture")
             return of
 
-        tracked = self._tracker.follow(Seen(pattern, texture, region, torn, time_ns), self._angle_rad or 0.0)
+        seen = Seen(pattern, texture, region, torn, time_ns)
+        tracked = self._tracker.follow(seen, self._report.angle_rad or 0.0)
         skipped = () if texture.cache_info().currsize else ("texture",)
         if skipped and not self._skip:
             texture(True)
@@ -141,12 +136,19 @@ class SlipEstimator(FreshFrameEstimator):
             settled=contact is not None and contact.settled,
         )
         if tracked is None or not tracked.fit.fits:
-            self._give_up(time_ns)
+            if contact is not None and self._report.gives_up(time_ns):
+                self._release(time_ns)
             return sample
         if contact is not None and not contact.observable:
             return replace(sample, state=State.UNOBSERVABLE)
-        self._fitted_ns = time_ns
-        return self._answer(sample, tracked, watch)
+        answer = self._report.answer(sample, tracked, contact)
+        watch.lap("answer")
+        return answer
+
+    def _release(self, time_ns: int) -> None:
+        """Forget the contact."""
+        self._report.release(time_ns)
+        self._tracker.release()
 
     def _only_marks(self, fine: Image, light: Light, region: Region | None, time_ns: int) -> bool:
         """Whether a frame shows no contact; search it for marks that came after the background.
@@ -159,7 +161,8 @@ class SlipEstimator(FreshFrameEstimator):
             self._fine_due = False
         if self._marks.confirmed(region):
             self._fill()
-            self._begin()
+            self._tracker.release()
+            self._report.begin()
             return True
         volume = 0.0 if region is None else region.area_px * region.strength
         self._most = max(self._most, volume) if region is not None else 0.0
@@ -180,73 +183,3 @@ class SlipEstimator(FreshFrameEstimator):
         self._lit.fill(self._marks.marked)
         self._fine_due = True
         self._texture.leave_out(self._marks.later)
-
-    def _begin(self) -> None:
-        """Forget all contacts."""
-        self._tracker.release()
-        self._angle_rad: float | None = None
-        self._variance = self._unseen = self._rate_rad_s = 0.0
-        self._origin_px: complex | None = None
-
-    def _give_up(self, time_ns: int) -> None:
-        """Begin again if no keyframe has fitted for `give_up_s`."""
-        if self._tracker.contact is not None and (time_ns - self._fitted_ns) / NS_PER_S > ALIGNMENT.give_up_s:
-            self._release(time_ns)
-
-    def _release(self, time_ns: int) -> None:
-        """Forget the contact. The rotation until the next one is not observed."""
-        if self._angle_rad is not None:
-            elapsed_s = (time_ns - self._fitted_ns) / NS_PER_S
-            # The object may have stopped or continued, and accelerated.
-            speed = abs(self._rate_rad_s) + 0.5 * MOTION.acceleration_rad_s2 * elapsed_s
-            self._unseen = self._variance + min(speed * elapsed_s, ANY_TURN_RAD) ** 2
-        self._tracker.release()
-        self._rate_rad_s = 0.0
-
-    def _answer(self, sample: SlipSample, tracked: Tracked, watch: Stopwatch) -> SlipSample:
-        """Return the sample with the angle, its rate and sigma."""
-        fit, last, wanted = tracked.fit, self._angle_rad, tracked.fit.angle_rad
-        elapsed_s = (sample.time_ns - self._answered_ns) / NS_PER_S
-        most = MOST_RATE_RAD_S * elapsed_s
-        angle = wanted if last is None else min(max(wanted, last - most), last + most)
-        # While the angle follows at its limit, it is no zero.
-        self._settled = sample.settled is True and (self._settled or angle == wanted)
-        evidence = (
-            SIGMA.least_rad**2
-            + (SIGMA.worst_loss_rad * min(tracked.worst_loss, 1.0)) ** 2
-            + (SIGMA.worst_spread * tracked.worst_spread_rad) ** 2
-        )
-        self._rate_rad_s = tracked.rate_rad_s
-        variance = evidence + (wanted - angle) ** 2 + self._unseen
-        if last is not None:
-            slowly = variance + math.exp(-elapsed_s / SIGMA.pace_s) * (self._variance - variance)
-            variance = max(variance, self._variance) if tracked.rekeyed else slowly
-        self._angle_rad, self._variance, self._answered_ns = angle, variance, sample.time_ns
-        # The tracked point is known from the first keyframe on, in the frame after the first.
-        contact = self._tracker.contact
-        point = fit.pose.point_px - (0j if contact is None else contact.anchored_px)
-        if self._origin_px is None and contact is not None:
-            self._origin_px = point
-        shift = 0j if self._origin_px is None else point - self._origin_px
-        watch.lap("answer")
-        return replace(
-            sample,
-            state=State.REKEYED if tracked.rekeyed and last is not None else State.TRACKING,
-            angle_deg=math.degrees(angle),
-            sigma_deg=math.degrees(math.sqrt(variance)),
-            unseen_deg=math.degrees(math.sqrt(min(self._unseen, variance))),
-            rate_deg_s=math.degrees(self._rate_rad_s),
-            settled=self._settled,
-            shift_px=(shift.real * self._px_per_work[0], shift.imag * self._px_per_work[1]),
-        )
-
-    def _repeated(self, last: SlipSample, time_ns: int) -> SlipSample:
-        """Return the sample of a frame that repeats the previous one, without computing it again."""
-        if last.angle_deg is None:
-            return replace(last, time_ns=time_ns, stage_s={}, skipped=self.stages)
-        ahead_s = min((time_ns - last.time_ns) / NS_PER_S, MOTION.horizon_s)
-        angle_deg = last.angle_deg + (last.rate_deg_s or 0.0) * ahead_s
-        sigma_deg = math.hypot(last.sigma_deg or 0.0, angle_deg - last.angle_deg)
-        return replace(
-            last, time_ns=time_ns, angle_deg=angle_deg, sigma_deg=sigma_deg, stage_s={}, skipped=self.stages
-        )

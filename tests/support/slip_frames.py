@@ -9,8 +9,8 @@ import numpy as np
 from rig.tactile.contact.gate import Region, find_contact
 from rig.tactile.slip.height import Field
 from rig.tactile.slip.keyframe import Source
+from rig.tactile.slip.seen import Seen
 from rig.tactile.slip.texture import FINENESS, Texture, noise_floor, structure, tensor_of
-from rig.tactile.slip.tracker import Seen
 
 WIDTH, HEIGHT = 120, 160
 """Size of the fine copy, px; that of the work copy is half of it."""

@@ -22,10 +22,11 @@ from rig.tactile.slip.gradient import CalibratedSlopes, LearntGradientMap, learn
 from rig.tactile.slip.height import Field
 from rig.tactile.slip.light import Light, Lit
 from rig.tactile.slip.report import Report, extrapolated
+from rig.tactile.slip.seen import Seen
 from rig.tactile.slip.tearing import Tearing
 from rig.tactile.slip.texture import Texture, fine_scale
 from rig.tactile.slip.texture_stage import TextureStage
-from rig.tactile.slip.tracker import Seen, Tracker
+from rig.tactile.slip.tracker import Tracker
 
 WEAK_SHARE = 0.5
 """A contact that falls below this fraction of its largest strength times area may have ended."""
@@ -79,7 +80,7 @@ class SlipEstimator(FreshFrameEstimator):
     def gripped_further(self) -> None:
         """Take a keyframe of the present contact at its angle, because older keyframes fit it less well."""
         if self._tracker.contact is not None:
-            self._tracker.contact.take_keyframe()
+            self._tracker.contact.keyring.ask()
 
     def _estimate(self, image: Image, time_ns: int) -> SlipSample:
         watch = Stopwatch()
@@ -139,7 +140,7 @@ class SlipEstimator(FreshFrameEstimator):
             if contact is not None and self._report.gives_up(time_ns):
                 self._release(time_ns)
             return sample
-        if contact is not None and not contact.observable:
+        if contact is not None and not contact.keyring.observable:
             return replace(sample, state=State.UNOBSERVABLE)
         answer = self._report.answer(sample, tracked, contact)
         watch.lap("answer")

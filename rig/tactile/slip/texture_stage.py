@@ -55,7 +55,7 @@ class TextureStage:
         box = (0, 0, clean.shape[1], clean.shape[0]) if first else contact_box(mask, BOX_PX)
         left, top, width, height = (self._scale * side for side in box)
         difference = self._lit.of(fine, light, (left, top, width, height))
-        wait_s = ALIGNMENT.network_s * (PATIENCE if contact is not None and contact.disagrees else 1.0)
+        wait_s = ALIGNMENT.network_s * (PATIENCE if contact is not None and contact.search.disagrees else 1.0)
         if first or fresh or (not busy and time_ns - self._counts_ns >= wait_s * NS_PER_S):
             self._look(difference, (left, top), contact_box(mask, NETWORK_PX), time_ns)
         counts = self._counts[within((left, top, width, height))]

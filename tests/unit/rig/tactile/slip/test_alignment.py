@@ -14,8 +14,8 @@ from rig.tactile.slip.gradient import LearntGradientMap, learn_map
 from rig.tactile.slip.height import contact_box
 from rig.tactile.slip.keyframe import Keyframe, make_keyframe
 from rig.tactile.slip.parameters import ALIGNMENT
+from rig.tactile.slip.search import FURTHER_SHARES
 from rig.tactile.slip.slopes import slope_planes
-from rig.tactile.slip.tracker import FURTHER_SHARES
 from support.slip_frames import MIDDLE_PX, drawn, region_of, source_of, texture_of, work_of
 
 START_DEG = 20.0

@@ -9,21 +9,16 @@ from hypothesis import strategies as st
 
 from drivers.clock import NS_PER_S
 from drivers.types import Image
-from rig.tactile.slip import texture_stage, tracker
+from rig.tactile.slip import keys, texture_stage, tracker
 from rig.tactile.slip.alignment import Aligner
 from rig.tactile.slip.estimator import SlipEstimator
 from rig.tactile.slip.gradient import learn_map
+from rig.tactile.slip.keys import Keyring
 from rig.tactile.slip.loops import MOST_KEYS
 from rig.tactile.slip.parameters import ALIGNMENT, KEYFRAMES, MOST_RATE_RAD_S
+from rig.tactile.slip.search import MOST_REACH_RAD, MOST_TURN_RAD, is_texture_better
 from rig.tactile.slip.texture_stage import TextureStage
-from rig.tactile.slip.tracker import (
-    MOST_REACH_RAD,
-    MOST_TURN_RAD,
-    Contact,
-    Tracked,
-    Tracker,
-    is_texture_better,
-)
+from rig.tactile.slip.tracker import Contact, Tracked, Tracker
 from support.drawn_sensor import drawn_press
 from support.marks import heavy
 from support.slip_frames import drawn, seen_at
@@ -58,7 +53,7 @@ class Followed:
 
     def key_angles_deg(self) -> list[float]:
         """Return the angles of the keyframes in the first reading."""
-        return [math.degrees(key.angle_rad) for key in self.contact._readings[0].keys]
+        return [math.degrees(key.angle_rad) for key in self.contact.search.readings[0].keys]
 
 
 def rested() -> Followed:
@@ -92,11 +87,11 @@ def test_rotation_by_up_to_25_degrees_between_distant_frames_is_found(
 def test_fit_never_jumps_beyond_its_reach(turns: list[float], period_s: float) -> None:
     followed, since_s = rested(), 0.0
     for turn in turns:
-        before = followed.contact.pose.angle_rad
+        before = followed.contact.search.pose.angle_rad
         since_s += period_s
         tracked = followed.show(turn, period_s)
         reach = min(max(MOST_TURN_RAD, MOST_RATE_RAD_S * since_s), MOST_REACH_RAD)
-        assert abs(followed.contact.pose.angle_rad - before) <= reach + 1e-9
+        assert abs(followed.contact.search.pose.angle_rad - before) <= reach + 1e-9
         since_s = since_s if tracked is None else 0.0
 
 
@@ -104,10 +99,10 @@ def test_fit_never_jumps_beyond_its_reach(turns: list[float], period_s: float) -
 def test_keyframes_are_added_while_turning_and_the_poorest_one_makes_room() -> None:
     followed, evicted = rested(), 0
     for turn in range(0, 150, 3):
-        before = followed.contact.keys
+        before = followed.contact.keyring.keys
         tracked = followed.show(float(turn))
         assert tracked is not None
-        keys, readings = followed.contact.keys, followed.contact._readings
+        keys, readings = followed.contact.keyring.keys, followed.contact.search.readings
         assert len(keys) <= MOST_KEYS
         assert all(len(reading.keys) == len(keys) for reading in readings)
         kept = {id(key.source) for key in keys}
@@ -123,10 +118,10 @@ def test_keyframe_gets_the_pose_of_its_own_frame_although_it_is_made_later() -> 
     followed = rested()
     for _ in range(3):
         followed.show(0.0)
-    before = len(followed.contact.keys)
-    followed.contact.take_keyframe()
+    before = len(followed.contact.keyring.keys)
+    followed.contact.keyring.ask()
     asked = followed.turned_deg(4.0)
-    assert len(followed.contact.keys) == before
+    assert len(followed.contact.keyring.keys) == before
     tracked = followed.show(9.0)
     assert tracked.rekeyed
     assert followed.key_angles_deg()[-1] == pytest.approx(asked, abs=0.3)
@@ -159,10 +154,10 @@ def test_no_keyframe_is_made_of_torn_frames() -> None:
     assert followed.show(0.0, torn=True) is None
     assert followed.tracker.contact is None
     followed = rested()
-    followed.contact.take_keyframe()
+    followed.contact.keyring.ask()
     for frame in range(4):
         followed.show(0.0, seed=frame, torn=True)
-        assert not followed.contact._pending
+        assert followed.contact.keyring._job is None
 
 
 def test_contact_without_a_dent_is_answered_in_its_first_frame_only() -> None:
@@ -187,7 +182,8 @@ def steps(monkeypatch: pytest.MonkeyPatch) -> list[str]:
 
     for of, names in (
         (tracker, ("make_keyframe",)),
-        (Contact, ("_learn_again", "_change_map")),
+        (keys, ("make_keyframe",)),
+        (Keyring, ("_learn_map", "_change_map")),
         (TextureStage, ("_look",)),
         (texture_stage, ("noise_floor",)),
         (Aligner, ("coarse",)),

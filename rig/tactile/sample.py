@@ -91,11 +91,6 @@ class SlipSample:
         """Whether the frame was processed with a contact; other frames need nearly no time."""
         return not (self.jumped or self.state in (State.NO_CONTACT, State.FROZEN))
 
-    @property
-    def seen_sigma_deg(self) -> float:
-        """The part of sigma_deg that is not due to unseen rotations; 0 if the method has no sigma."""
-        return math.sqrt(max((self.sigma_deg or 0.0) ** 2 - self.unseen_deg**2, 0.0))
-
     def without_angle(self) -> "SlipSample":
         """Return the sample without its angle, in the state `lost`; a sample without one is unchanged."""
         if self.angle_deg is None:
@@ -120,8 +115,8 @@ class SlipSample:
         if self.angle_deg is not None and zero_deg is not None:
             angle, sigma = sign * (self.angle_deg - zero_deg), self.sigma_deg
             if sigma is not None and zero is not None:
-                unseen = math.sqrt(abs(self.unseen_deg**2 - zero.unseen_deg**2))
-                sigma = math.hypot(self.seen_sigma_deg, unseen)
+                seen = sigma**2 - self.unseen_deg**2
+                sigma = math.sqrt(max(seen, 0.0) + abs(self.unseen_deg**2 - zero.unseen_deg**2))
         rate = None if self.rate_deg_s is None else sign * self.rate_deg_s
         return replace(self, angle_deg=angle, sigma_deg=sigma, rate_deg_s=rate)
 

@@ -94,7 +94,8 @@ def _call_other_half() -> None:
     keys, frame = _keys(), _frame()
     planes, mask, work = frame.slopes, np.ones((8, 8), np.uint8), np.zeros((8, 8, 3), np.float32)
     places, begins, image = np.zeros((2, 1), np.int32), np.zeros(2, np.int32), np.zeros((3, 8, 8), np.uint8)
-    lit(image, 0, 0, np.ones((2, 3)), planes, planes, places, begins, places, planes[0, 0], 255, planes)
+    table = places, begins, places, planes[0, 0]
+    lit(image, (0, 0), np.ones((2, 3)), (planes, planes), table, 255, planes)
     slopes_in(work, np.zeros((6, 8, 8), np.float32), 0, 0, np.zeros((8, 8, 2), np.float32))
     summed_tensor(planes, planes.copy())
     beyond_noise(planes, 0.0, (1, 1, 1, 1), planes[0], planes.copy())

@@ -19,7 +19,8 @@ class Lit:
 
     def __init__(self, difference: RelativeDifference, marked: Image) -> None:
         self._difference = difference
-        self._weight, self._relative = (np.ascontiguousarray(p.transpose(2, 0, 1)) for p in difference.terms)
+        weight, relative = (np.ascontiguousarray(part.transpose(2, 0, 1)) for part in difference.terms)
+        self._terms = weight, relative
         self.fill(marked)
 
     def fill(self, marked: Image) -> None:
@@ -43,5 +44,5 @@ class Lit:
         left, top, width, height = box
         planes, colours = np.empty((3, height, width), np.float32), np.empty((3, height, width), np.uint8)
         cv2.split(copy[top : top + height, left : left + width], list(colours))
-        lit(colours, top, left, light, self._weight, self._relative, *self._marks, SATURATED, planes)
+        lit(colours, (left, top), light, self._terms, self._marks, SATURATED, planes)
         return planes

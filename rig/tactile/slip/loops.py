@@ -280,6 +280,44 @@ def weigh(keys: Keys, frame: Planes, rest_share: float, noise_share: float, weig
 
 
 @compiled
+def _renew(
+    key: Values, work: _Work, k: int, channel: int, values: Values, count: int, misfit: float, gain: float
+) -> None:
+    """Compute the robust weights of a channel, and its normal matrix and offset with them.
+
+    misfit: weighted sum of the squared residuals, with this gain of the template.
+    """
+    weights, scratch = work.weights[k, channel], work.scratch[k, channel]
+    matrix, offset = work.matrices[k, channel], work.offsets[k, channel]
+    components, size = 2 + channel, PARAMETERS - 3 * channel
+    first, robust = FIRST + components, scratch[0]
+    over, by = np.float32(work.sums[k, channel, 0] / (2.0 * misfit + 1e-20)), np.float32(gain)
+    for i in range(count):
+        square = (values[0, i] - by * key[FIRST, i]) ** 2 + (values[1, i] - by * key[FIRST + 1, i]) ** 2
+        if channel:
+            square += (values[2, i] - by * key[FIRST + 2, i]) ** 2
+        robust[i] = weights[i] / (np.float32(1.0) + square * over)
+    if channel == 0:
+        for i in range(count):
+            robust[i] *= values[2, i]
+    for a in range(size):
+        offset[a] = 0.0
+        for c in range(components):
+            row, sum_ = a * components + c, np.float32(0.0)
+            for i in range(count):
+                scratch[1 + row, i] = robust[i] * key[first + row, i]
+                sum_ += scratch[1 + row, i] * key[FIRST + c, i]
+            offset[a] += sum_
+        for b in range(a + 1):
+            entry = np.float32(0.0)
+            for c in range(components):
+                row, other = 1 + a * components + c, first + b * components + c
+                for i in range(count):
+                    entry += scratch[row, i] * key[other, i]
+            matrix[a, b] = matrix[b, a] = entry
+
+
+@compiled
 def _equations(
     key: Values, work: _Work, k: int, channel: int, values: Values, count: int, renew: bool, pulls: Sums
 ) -> float | np.float32:
@@ -288,10 +326,8 @@ def _equations(
     Return the weight of the matrix.
     """
     weights, scratch = work.weights[k, channel], work.scratch[k, channel]
-    matrix, offset = work.matrices[k, channel], work.offsets[k, channel]
-    total, energy = work.sums[k, channel, 0], work.sums[k, channel, 1]
+    offset, energy = work.offsets[k, channel], work.sums[k, channel, 1]
     components, size = 2 + channel, PARAMETERS - 3 * channel
-    first, robust = FIRST + components, scratch[0]
     product, power = np.float32(0.0), np.float32(0.0)
     for c in range(components):
         for i in range(count):
@@ -303,30 +339,7 @@ def _equations(
         gain = min(max(product / energy, LEAST_GAIN), MOST_GAIN)
     misfit = max(power - gain * (2.0 * product - gain * energy), 1e-9 * energy)
     if renew:
-        over, by = np.float32(total / (2.0 * misfit + 1e-20)), np.float32(gain)
-        for i in range(count):
-            square = (values[0, i] - by * key[FIRST, i]) ** 2 + (values[1, i] - by * key[FIRST + 1, i]) ** 2
-            if channel:
-                square += (values[2, i] - by * key[FIRST + 2, i]) ** 2
-            robust[i] = weights[i] / (np.float32(1.0) + square * over)
-        if channel == 0:
-            for i in range(count):
-                robust[i] *= values[2, i]
-        for a in range(size):
-            offset[a] = 0.0
-            for c in range(components):
-                row, sum_ = a * components + c, np.float32(0.0)
-                for i in range(count):
-                    scratch[1 + row, i] = robust[i] * key[first + row, i]
-                    sum_ += scratch[1 + row, i] * key[FIRST + c, i]
-                offset[a] += sum_
-            for b in range(a + 1):
-                entry = np.float32(0.0)
-                for c in range(components):
-                    row, other = 1 + a * components + c, first + b * components + c
-                    for i in range(count):
-                        entry += scratch[row, i] * key[other, i]
-                matrix[a, b] = matrix[b, a] = entry
+        _renew(key, work, k, channel, values, count, misfit, gain)
     share = gain / max(misfit, LEAST_MISFIT * energy)
     for a in range(size):
         pull = np.float32(0.0)

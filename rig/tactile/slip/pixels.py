@@ -13,15 +13,16 @@ Image = NDArray[np.uint8]
 
 @compiled
 def lit(
-    colours: Image, top: int, left: int, light: NDArray[np.float64], weight: Field, relative: Field,
-    marks: NDArray[np.int32], begins: NDArray[np.int32], rims: NDArray[np.int32], fill: Field,
-    saturated: int, out: Field,
+    colours: Image, corner: tuple[int, int], light: NDArray[np.float64], terms: tuple[Field, Field],
+    table: tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.int32], Field], saturated: int, out: Field,
 ) -> None:  # fmt: skip
     """Compute the relative difference of a part of an image, with gel marks filled, into out.
 
-    colours: of the part, (3, h, w). weight, relative: (3, H, W). marks, begins, rims, fill: see
-    `GelMarks.table`. saturated: from this grey level on a pixel is not darker than the background.
+    colours: of the part, (3, h, w), which begins at a corner, left and top. terms: see `RelativeDifference`,
+    each (3, H, W). table: see `GelMarks.table`. saturated: from this grey level on a pixel is not darker than
+    the background.
     """
+    (left, top), (weight, relative), (marks, begins, rims, fill) = corner, terms, table
     height, width = out.shape[1], out.shape[2]
     for k in range(3):
         by, less = np.float32(1.0 / light[0, k]), np.float32(light[1, k] / light[0, k])

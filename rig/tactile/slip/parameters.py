@@ -96,7 +96,7 @@ class Keyframes:
 class Sigma:
     """Standard deviation of the angle.
 
-    worst_loss_rad: per largest loss of agreement of the curvature, which counts at most 1, see `Tracked`.
+    worst_loss_rad: per largest loss of agreement of the curvature, see `Tracked`.
     worst_spread: per largest difference between the readings. least_rad: in any case. least_distinct,
     least_textured, textured_oblong, least_oblong, cut_distinct, cut_oblong: see `Keyframe.observable`;
     smooth balls have less. pace_s: time over which sigma follows.

@@ -199,7 +199,7 @@ def test_sigma_grows_when_the_frame_disagrees_with_its_keyframes(press: Draw, bl
     assert min(sigmas[1:]) > 2.0 * sigmas[0]
 
 
-def test_a_loss_however_large_adds_at_most_three_degrees_to_sigma(
+def test_a_loss_however_large_adds_at_most_nine_degrees_to_sigma(
     press: Draw, blank: Image, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     follow = Tracker.follow
@@ -209,7 +209,7 @@ def test_a_loss_however_large_adds_at_most_three_degrees_to_sigma(
         return tracked and replace(tracked, worst_loss=50.0)
 
     monkeypatch.setattr(Tracker, "follow", lost)
-    assert 3.0 < run(SlipEstimator(blank), lift(press, 0.0))[-1].sigma_deg < 3.5
+    assert 9.0 < run(SlipEstimator(blank), lift(press, 0.0))[-1].sigma_deg < 9.5
 
 
 def test_running_every_stage_gives_the_same_angles(press: Draw, blank: Image) -> None:

@@ -1,7 +1,7 @@
 """The keyframes of a contact: when one is made, which are kept, and the map of their slopes.
 
-A step takes long, so each is a job of its own, in a frame after the one that asked for it: a further
-keyframe, a map learnt again, and the change of all keyframes to it.
+These steps take long, so each is a job for a frame after the one that asked for it: a further keyframe, a map
+learnt again, and the change of all keyframes to it.
 """
 
 import math

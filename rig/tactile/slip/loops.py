@@ -46,7 +46,7 @@ LEAST_LOSS = 0.01
 SCRATCH = 13
 
 At = tuple[float, float, float]
-"""Where the middle of a keyframe's points is in a frame, x and y, and by which angle it has turned."""
+"""Place of the middle of a keyframe's points in a frame, x and y, and its rotation since the keyframe."""
 
 
 class Keys(NamedTuple):

@@ -35,7 +35,7 @@ AFTER_LEADING = 4
 
 @dataclass(frozen=True, slots=True)
 class Since:
-    """What is known of the motion since the last frame that was aligned.
+    """The motion since the last frame that was aligned, as far as it is known.
 
     elapsed_s: time. shift_px: of the contact. settled: whether the contact has settled.
     """

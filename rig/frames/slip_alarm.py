@@ -18,9 +18,9 @@ REST_FRAMES = 5
 """Number of angles whose mean is the angle at rest: a single one is off by up to 0.4 degrees in a contact
 that shows the rotation badly."""
 LEAST_SIGMAS = 0.2
-"""Least rotation in sigmas of this contact's angle. With it at most one of 25 SIMULATED presses at rest raises
-the alarm, in eight sets; presses that turn by 5 or 15 degrees a second raise it at 0.6 or 0.8 degrees (median,
-`tests/unit/rig/live/test_presses.py`)."""
+"""Least rotation in sigmas of this contact's angle. With it at most one of 25 SIMULATED presses at rest
+raises the alarm, in eight sets; presses that turn by 5 or 15 degrees a second raise it at 0.6 or 0.8 degrees
+(median, `tests/unit/rig/live/test_presses.py`)."""
 KEPT_SLIPS = 20
 """Number of slips whose times are kept, so that the memory is bounded."""
 

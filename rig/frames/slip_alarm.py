@@ -5,7 +5,6 @@ trial the start of the lift arms the alarm. If the time of the lift is unknown, 
 estimator reports that the contact has settled.
 """
 
-import math
 from collections import deque
 from collections.abc import Sequence
 
@@ -101,8 +100,8 @@ class _TurnWatch:
                 self._rest_deg += angle_deg - self._last_deg
             self._last_deg = angle_deg
             turned_deg = angle_deg - self._rest_deg if self._frames else 0.0
-            # without the rotations that were not seen before this contact; 0 without a sigma
-            own_deg = math.sqrt(max((sample.sigma_deg or 0.0) ** 2 - sample.unseen_deg**2, 0.0))
+            # Since itself, a sample has no unseen rotation in its sigma.
+            own_deg = sample.turned(1, 0.0, sample).sigma_deg or 0.0
             least_deg = max(ONSET_DEG, LEAST_SIGMAS * own_deg)
             if abs(turned_deg) >= least_deg and leaves_rest(turned_deg, rate_deg_s):
                 self.on, self._turned_ns = True, sample.time_ns

@@ -21,7 +21,7 @@ from rig.tactile.slip.all_loops import compile_all
 from rig.tactile.slip.gradient import CalibratedSlopes, LearntGradientMap, learn_map
 from rig.tactile.slip.height import Field
 from rig.tactile.slip.light import Light, Lit
-from rig.tactile.slip.report import Report, extrapolated
+from rig.tactile.slip.report import Report, extrapolate
 from rig.tactile.slip.seen import Seen
 from rig.tactile.slip.tearing import Tearing
 from rig.tactile.slip.texture import Texture, fine_scale
@@ -87,7 +87,7 @@ class SlipEstimator(FreshFrameEstimator):
         fine = self._fine_lit.reduced(image)
         work = self._lit.reduced(fine)
         if self._skip and self._computed is not None and np.array_equal(work, self._work):
-            return replace(extrapolated(self._computed, time_ns), stage_s={}, skipped=self.stages)
+            return replace(extrapolate(self._computed, time_ns), stage_s={}, skipped=self.stages)
         self._work, self._computed = work, self._fresh(image, fine, work, time_ns, watch)
         return self._computed
 

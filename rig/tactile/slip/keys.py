@@ -8,19 +8,19 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from drivers.types import Image
 from rig.tactile.slip.alignment import Aligner, Fit, Pose, Reading
 from rig.tactile.slip.gradient import Learn, LearntGradientMap
 from rig.tactile.slip.height import Box, Field, contact_box
 from rig.tactile.slip.keyframe import Keyframe, Source, make_keyframe
 from rig.tactile.slip.loops import MOST_KEYS
 from rig.tactile.slip.parameters import ALIGNMENT, KEYFRAMES
+from rig.tactile.slip.search import MOST_TURN_RAD
 from rig.tactile.slip.seen import Seen
 from rig.tactile.slip.slopes import slope_planes
 
 CLOSING_RAD = math.radians(5.0)
 """Starts beside the tracked angle for a direct alignment to an old keyframe."""
-MOST_CLOSING_RAD = math.radians(25.0)
-"""Largest correction by it: a rotation between two frames is searched as far."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -91,11 +91,10 @@ class Keyring:
         """Make a keyframe of the next frame, the first one of the settled contact."""
         self._asked = self.settling = True
 
-    def slopes(self, source: Source | Seen) -> tuple[Field, Box]:
+    def slopes(self, difference: Field, mask: Image) -> tuple[Field, Box]:
         """Return `slope_planes` of a frame, and their box."""
-        mask = source.mask if isinstance(source, Source) else source.region.mask
         box = contact_box(mask)
-        return slope_planes(source.difference, self._map, mask, box, ALIGNMENT.broad_share), box
+        return slope_planes(difference, self._map, mask, box, ALIGNMENT.broad_share), box
 
     def work(self, settled: bool) -> bool | None:
         """Do the job that is left; return whether it added a keyframe, None without a job."""
@@ -159,14 +158,14 @@ class Keyring:
 
         The errors of a chain of keyframes add up; one step from an old keyframe does not have them.
         """
-        (slopes, box), first = self.slopes(source), poses[0]
+        (slopes, box), first = self.slopes(source.difference, source.mask), poses[0]
         frame = slopes, box[:2], source.texture
         starts = [Pose(first.angle_rad + aside, first.point_px) for aside in (0.0, -CLOSING_RAD, CLOSING_RAD)]
         for k in range(len(self.keys)):
             fit = self._aligner.directly(k, frame, self._readings[0], starts)
             if fit.rank >= ALIGNMENT.closing_rank:
                 by = fit.pose.since(first)
-                far = abs(by.angle_rad) > MOST_CLOSING_RAD
+                far = abs(by.angle_rad) > MOST_TURN_RAD
                 if far or fit.rank < self._aligner.at(first).rank + ALIGNMENT.closing_gain:
                     return poses
                 for reading in self._readings:

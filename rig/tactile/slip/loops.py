@@ -31,7 +31,7 @@ SHARE, MIDDLE_X, MIDDLE_Y, ANGLE, LEVER_X, LEVER_Y, COUNTED, UNIT, OWN, FACTS = 
 # Turn and shift come first among the parameters of slopes; gain and a constant slope along x and y follow.
 MOTION, PARAMETERS = 3, 6
 GAIN_PRIOR, SLOPE_PRIOR, DAMPING = 1e-3, 10.0, 1e-3
-# Robust weights and the normal matrix are computed twice: at first, and in this iteration.
+# Robust weights and the normal matrix are computed at the start, in this iteration, and where the steps end.
 RENEWED_AFTER = 2
 DONE_RAD, DONE_PX = 1e-3, 3e-2
 SAME_RAD, SAME_PX = 7e-3, 0.2
@@ -474,7 +474,7 @@ def _step(
 
 
 @compiled
-def _judged(keys: Keys, frame: Planes, work: _Work, plan: Plan, pose: At) -> Found:
+def _judge(keys: Keys, frame: Planes, work: _Work, plan: Plan, pose: At) -> Found:
     """Return how well the keyframes fit at a pose, whose correlations are known."""
     score, best, lacks, heavy, loss, most_own = 0.0, 0.0, 0.0, 1e-12, 0.0, -1.0
     for k in keys.used:
@@ -527,7 +527,7 @@ def align(
         starts[s, 0], starts[s, 1], starts[s, 2] = angle, x, y
         if same:
             continue
-        judged = _judged(keys, frame, work, plan, (angle, x, y))
+        judged = _judge(keys, frame, work, plan, (angle, x, y))
         if s == 0:
             first = judged.rank
         if judged.rank > found.rank:

@@ -90,7 +90,7 @@ def _variance(tracked: Tracked) -> float:
     )
 
 
-def extrapolated(last: SlipSample, time_ns: int) -> SlipSample:
+def extrapolate(last: SlipSample, time_ns: int) -> SlipSample:
     """Return the sample of a frame that repeats the last one, at the angle that its rate predicts."""
     if last.angle_deg is None:
         return replace(last, time_ns=time_ns)

@@ -119,7 +119,7 @@ class Contact:
         if self._settling.update(seen.region.levels, seen.time_ns):
             self._settle()
         settled, elapsed_s = self._settling.settled, seen.time_s - self._time_s
-        slopes, box = keyring.slopes(seen)
+        slopes, box = keyring.slopes(seen.difference, seen.region.mask)
         since = Since(elapsed_s, shift_px, settled)
         aligned = search.align(seen, slopes, box[:2], since, busy or added is not None)
         fit = aligned.fit

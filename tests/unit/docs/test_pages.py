@@ -1,8 +1,10 @@
 """Links, places and facts in README and docs, and the workflows for code hosts."""
 
 import re
+import shlex
 import subprocess
 from dataclasses import fields
+from importlib import import_module
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -82,6 +84,20 @@ def test_files_named_in_pages_exist_and_contain_the_names_given_with_them() -> N
             assert any(re.search(rf"\b{last}\b", source) for source in sources), (
                 f"{page.name}: {name} in {file}"
             )
+
+
+def test_lines_that_run_a_program_of_tools_parse() -> None:
+    pages = (*PAGES, ROOT / "rig" / "models" / "README.md", *(ROOT / "tools").glob("*.py"))
+    lines = [
+        line
+        for page in pages
+        for line in re.findall(
+            r"python tools/(\w+)\.py ([^`\n]*--out \S+?)(?=[`\s])", page.read_text("utf-8")
+        )
+    ]
+    assert len(lines) >= 12
+    for program, arguments in lines:
+        import_module(program).options_parser().parse_args(shlex.split(arguments))
 
 
 def test_index_links_every_page() -> None:

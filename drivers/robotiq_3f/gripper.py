@@ -66,8 +66,8 @@ class Robotiq3F(Gripper):
 
     fingers: the grasping fingers, two or three of A, B, C. spec: openings of this unit; one step is one
     count. open_counts: position of the open fingers. speed_m_s, force_n: defaults for motions without a speed
-    or force (0.022 to 0.110 m/s, 15 to 60 N). Raises `InputError` and `OutOfLimitsError` for values that
-    cannot be commanded.
+    or force (0.022 to 0.110 m/s, 15 to 60 N); None: the middle of the range. Raises `InputError` and
+    `OutOfLimitsError` for values that cannot be commanded.
     """
 
     def __init__(
@@ -76,12 +76,13 @@ class Robotiq3F(Gripper):
         fingers: Sequence[str] = ("B", "C"),
         spec: GripperSpec = NOMINAL_SPEC,
         clock: Clock | None = None,
-        speed_m_s: float = 0.06,
+        speed_m_s: float | None = None,
         force_n: float = 15.0,
         open_counts: int = OPEN_COUNTS,
     ) -> None:
         self._link = link
-        self._commands = GripperCommands(tuple(fingers), spec, open_counts, speed_m_s, force_n)
+        usual_m_s = sum(spec.speed_m_s) / 2 if speed_m_s is None else speed_m_s
+        self._commands = GripperCommands(tuple(fingers), spec, open_counts, usual_m_s, force_n)
         self._clock = clock or SystemClock()
         require_full_speed(self._clock, link.name, link.host)
         self._line: GripperLine | None = None

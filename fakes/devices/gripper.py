@@ -9,8 +9,6 @@ from fakes.faults import MOTIONLESS, FaultScript, overshot
 from fakes.world.state import BenchLayout
 from fakes.world.world import FINGER_STIFFNESS_N_M, STALL_FORCE_N, World
 
-SPEED_COUNTS_S = 100.0
-"""About 60 mm/s of opening, in the middle of the manual's range of 22 to 110 mm/s."""
 SPEED_M_S, FORCE_N = (0.022, 0.110), (STALL_FORCE_N, 60.0)
 """Lowest and highest speed and force (manual, SPEED and FORCE registers)."""
 ACTIVATION_S = 3.0
@@ -94,7 +92,10 @@ class FakeGripper(Gripper):
     def move_to(
         self, opening_m: float, speed_m_s: float | None = None, force_n: float | None = None
     ) -> PolledMotion:
-        """Start moving the fingers; they stall if an object resists with `force_n`, 15 N by default."""
+        """Start moving the fingers; they stall if an object resists with `force_n`, 15 N by default.
+
+        speed_m_s: by default the middle of the range.
+        """
         self._require_usable()
         if not self._activated:
             raise GripperFaultError(
@@ -105,12 +106,12 @@ class FakeGripper(Gripper):
         layout = self._world.layout
         position_counts = layout.open_counts + self._spec.step_at(opening_m)
         self._force_n = STALL_FORCE_N if force_n is None else force_n
-        speed = SPEED_COUNTS_S if speed_m_s is None else speed_m_s / layout.opening_per_count_m
+        speed_m_s = sum(self._spec.speed_m_s) / 2 if speed_m_s is None else speed_m_s
         now = self._clock.now_ns() + self._period_ns
         end = self._end(position_counts, now)
         self._requested, self._drifts = position_counts, False
         self._stalls = self._stall_counts(now) <= end < position_counts
-        self._world.fingers = self._world.fingers.sent_to(end, speed, now)
+        self._world.fingers = self._world.fingers.sent_to(end, speed_m_s / layout.opening_per_count_m, now)
         return PolledMotion("gripper", self._clock, self._arrived, self.stop)
 
     def stop(self) -> None:

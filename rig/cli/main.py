@@ -59,10 +59,6 @@ COMMANDS = {
         "runs unchanged.",
         "train": "Train segmentation networks for the contact, test them on other objects, and export them "
         "to ONNX.",
-        "train-angle": "Train an angle network that the paper compares with (its Table IV), and export it "
-        "to ONNX.",
-        "train-turning": "Train the network of slip that marks the parts of a contact that turn with the "
-        "object, and export it.",
         "benchmark": "Measure the rig, and print the results as tables. Without a command: estimators.",
         "model": "List the networks of the rig; import a checkpoint of your own.",
     },
@@ -77,8 +73,7 @@ The command NAME is `NAME` in `rig.cli.NAME` or in the module of `MODULES`; it i
 """
 MODULES = {
     "explain": "estimate", "label": "segment", "bridge": "live", "bench": "own_files", "objects": "own_files",
-    "new": "own_files", "estimators": "train", "train_angle": "train", "train_turning": "train",
-    "model": "train",
+    "new": "own_files", "estimators": "train", "model": "train",
 }  # fmt: skip
 
 

@@ -10,6 +10,8 @@ SETTLED_SHARE = 0.05
 LEAST_FRAMES, SETTLED_S = 2, 0.15
 """Frames and time without change after which a contact has settled. Fingers that close step by step rest for
 a tenth of a second between two steps."""
+REFERENCE_FRAMES = 6
+"""Frames without change after which the estimators `ecc` and `kolamuri` no longer replace their reference."""
 NEW_GRASP_NS = NS_PER_S // 2
 """A contact after a longer time without contact is a new grasp; shorter gaps are failed detections."""
 

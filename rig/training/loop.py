@@ -20,58 +20,8 @@ from rig.tactile.contact.relative import RelativeDifference
 from rig.training.examples import Examples
 from rig.training.networks import Architecture, build_network, fill_encoder, read_checkpoint
 
-LARGEST_GRADIENT = 1.0
 Report = Callable[[str, float], None]
 """Takes the progress of a training: a description, and the finished share of what it describes."""
-
-
-def fit(
-    network: nn.Module,
-    epochs: int,
-    batch: int,
-    rate: float,
-    examples: int,
-    loss: Callable[[torch.Tensor], torch.Tensor],
-    error: Callable[[], float],
-    report: Report,
-    shown: str,
-) -> list[float]:
-    """Fit in place, restore the weights of the best epoch, and return the error of each epoch.
-
-    rate: peak of the one-cycle schedule (Smith 2018). examples: their number. loss: of the examples at some
-    indices. error: on the validation lifts, with the current weights. shown: the text that is reported after
-    an epoch, with places for `epoch`, its mean `loss`, and `error`.
-    """
-    steps = -(-examples // batch)
-    optimizer = torch.optim.AdamW(network.parameters(), lr=rate, weight_decay=0.01)
-    cycle = torch.optim.lr_scheduler.OneCycleLR(optimizer, rate, total_steps=epochs * steps)
-    best, errors = deepcopy(network.state_dict()), []
-    for epoch in range(1, epochs + 1):
-        network.train()
-        losses = []
-        for at in torch.randperm(examples).split(batch):
-            losses.append(_step(optimizer, loss(at), LARGEST_GRADIENT))
-            cycle.step()
-        network.eval()
-        errors.append(error())
-        if errors[-1] <= min(errors):
-            best = deepcopy(network.state_dict())
-        text = shown.format(epoch=f"epoch {epoch} of {epochs}", loss=float(np.mean(losses)), error=errors[-1])
-        report(text, epoch / epochs)
-    network.load_state_dict(best)
-    return errors
-
-
-def _step(optimizer: torch.optim.Optimizer, loss: torch.Tensor, largest: float | None = None) -> float:
-    """Take one step; return the loss. largest: limit of the norm of the gradient, None without."""
-    optimizer.zero_grad()
-    loss.backward()
-    if largest is not None:
-        nn.utils.clip_grad_norm_(optimizer.param_groups[0]["params"], largest)
-    optimizer.step()
-    return loss.item()
-
-
 Planes = NDArray[np.float32]
 
 SHADED_SHARE, PART_SHARE = 0.4, 0.35
@@ -357,8 +307,11 @@ class Training:
         for planes, labels in batches:
             self._optimizer.param_groups[0]["lr"] = self._rate(steps)
             logits, labels = self._answer(self.network, planes), labels.to(self._device)
-            loss = focal_loss if self.architecture.family is not None else small_loss
-            losses.append(_step(self._optimizer, loss(logits, labels)))
+            loss = (small_loss if self.architecture.family is None else focal_loss)(logits, labels)
+            self._optimizer.zero_grad()
+            loss.backward()
+            self._optimizer.step()
+            losses.append(loss.item())
             self._average()
             progress(None, len(losses) / steps)
         return float(np.mean(losses))

@@ -103,13 +103,13 @@ def test_coco_is_read_by_pycocotools_and_states_the_origin_of_its_masks(
     for session, least in ((one_lift, 15), (recording, 4)):
         out = tmp_path / session.name
         exported = export_session(session, "coco", out)
-        coco = coco_module.COCO(str(out / "annotations.json"))
+        coco = coco_module.COCO(str(out / "coco.json"))
         assert len(coco.getImgIds()) == exported.counts["images"] >= least
         assert "SIMULATED" in coco.dataset["info"]["description"]
         assert "proposed by image processing" in coco.dataset["info"]["description"]
         for annotation in coco.loadAnns(coco.getAnnIds()):
             image = coco.loadImgs(annotation["image_id"])[0]
-            picture = cv2.imread(str(out / "images" / image["file_name"]))
+            picture = cv2.imread(str(out / image["file_name"]))
             mask = coco.annToMask(annotation)
             assert mask.shape == picture.shape[:2] == (image["height"], image["width"])
             assert mask.sum() == pytest.approx(annotation["area"], rel=0.03)

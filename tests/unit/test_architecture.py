@@ -5,6 +5,7 @@ import os
 import re
 import subprocess
 import sys
+import tomllib
 from importlib.metadata import files, version
 from pathlib import Path
 from types import SimpleNamespace
@@ -54,6 +55,13 @@ def test_rig_works_without_the_arm_library_and_pytest(tmp_path: Path) -> None:
     )
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.stdout.splitlines()[:1] == ["my bench"], done.stderr
+
+
+def test_contract_forbids_imports_of_every_program_of_tools() -> None:
+    settings = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    contracts = settings["tool"]["importlinter"]["contracts"]
+    forbidden = next(of["forbidden_modules"] for of in contracts if of["name"].endswith("of tools"))
+    assert set(forbidden) == {path.stem for path in (ROOT / "tools").glob("*.py")}
 
 
 @pytest.mark.parametrize("package", PACKAGES)

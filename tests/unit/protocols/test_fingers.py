@@ -239,3 +239,17 @@ def test_fingers_that_meet_something_before_the_descent_keep_the_arm_where_it_is
     lift.run()
     assert lift.pose == before
     assert lift.bench.hand.state.holding is Holding.UNKNOWN
+
+
+@pytest.mark.parametrize(("speeds_m_s", "asked_m_s"), [((0.01, 0.03), 0.03), ((0.1, 0.2), 0.1)])
+def test_fingers_move_at_the_limit_of_a_slower_or_faster_gripper(
+    lift_of: LiftOf, speeds_m_s: tuple[float, float], asked_m_s: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bench = lift_of().bench
+    spec, move_to, asked = replace(bench.gripper.spec, speed_m_s=speeds_m_s), bench.gripper.move_to, []
+    monkeypatch.setattr(type(bench.gripper), "spec", spec)
+    monkeypatch.setattr(
+        bench.gripper, "move_to", lambda to_m, speed: asked.append(speed) or move_to(to_m, speed)
+    )
+    move_fingers(bench, opening_m(bench.gripper, 100))
+    assert asked == [asked_m_s]

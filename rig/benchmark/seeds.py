@@ -1,8 +1,7 @@
 """`rig benchmark seeds`: the trial's lifts for many seeds, scored with the angles reported during them."""
 
 import tempfile
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import product
@@ -26,7 +25,7 @@ from rig.results.scores import SeriesScore, score_angles
 from rig.sessions.reading import phase_times, recorded_angles
 from rig.sessions.records import Lift
 from rig.tactile.angles import FUSED
-from rig.tactile.estimators import EstimatorChoice, choose_estimator
+from rig.tactile.estimators import choose_estimator
 
 FEW, MANY = 2, 20  # number of seeds, without and with --full
 MARE_DEG, WORST_DEG = {"easy": 0.32, "hard": 0.6}, {"easy": 2.2, "hard": 4.0}
@@ -96,34 +95,24 @@ def lift_cases(bench: str, seeds: Sequence[int], objects: Sequence[str], lifts: 
 
 
 def carry_out(bench: BenchConfig, case: LiftCase) -> SeedLift:
-    """Carry out one lift and score its online angles. Runs in a worker process."""
-    with recorded_lift(bench, case) as (recording, row):
-        return scored_lift(recording, case.seed, row)
+    """Carry out one lift with slip and score its online angles. Runs in a worker process.
 
-
-@contextmanager
-def recorded_lift(
-    bench: BenchConfig, case: LiftCase, choice: EstimatorChoice | None = None
-) -> Iterator[tuple[Path, Lift]]:
-    """Carry out one lift and yield its recording, which is deleted afterwards, and its row.
-
-    choice: the estimator, by default slip. Raises `RigError` if every attempt ends with a fault.
+    Raises `RigError` if every attempt ends with a fault.
     """
-    settings, fault = TrialSettings(bench, case.seed, choice or choose_estimator()), None
+    settings, fault = TrialSettings(bench, case.seed, choose_estimator()), None
     for attempt in range(MAX_FAULTS_IN_A_ROW):
         with tempfile.TemporaryDirectory(prefix="rig_seeds_") as folder:
             task = LiftTask(1, case.object_id, case.lift, attempt=attempt)
             done = attempt_lift(settings, task, folder=Path(folder))
             recording, fault = done.files.get(task.recording), done.fault
             if done.row.accepted and isinstance(recording, Path):
-                yield recording, done.row
-                return
+                return score_lift(recording, case.seed, done.row)
     raise RigError(
         f"{case}: each of {MAX_FAULTS_IN_A_ROW} attempts ended with a fault; the last one: {fault}"
     )
 
 
-def scored_lift(recording: Path, seed: int, row: Lift) -> SeedLift:
+def score_lift(recording: Path, seed: int, row: Lift) -> SeedLift:
     phases, truth = phase_times(recording), recorded_truth(recording)
     fused = recorded_angles(recording, FUSED)[FUSED].between(phases[Phase.LIFT], phases[Phase.LOWER])
     true_deg = truth.at(fused.time_s)

@@ -29,7 +29,6 @@ STUDIES = {
     "reaction": "Lift the same SIMULATED objects without and with a reaction to slip, and compare.",
     "renderer": "Score estimators on SIMULATED lifts of a second renderer, independent of the bench's.",
     "seeds": "Carry out SIMULATED trials of several seeds; print errors and confidently wrong angles.",
-    "lift": "Print the CPU time of SIMULATED lifts and their report, by part of the work.",
     "segmentation": "Score the segmentation networks on SIMULATED objects and on real frames.",
     "wire": "Do one lift over the wire protocols in real time; measure lost frames, rates and agreement.",
     "faults": "Let each device fail during a lift over the wire protocols; print how the rig recovers.",

@@ -33,14 +33,12 @@ STUDIES = {
     "wire": "Do one lift over the wire protocols in real time; measure lost frames, rates and agreement.",
     "faults": "Let each device fail during a lift over the wire protocols; print how the rig recovers.",
     "safety": "Stop, kill or break a lift at random moments; print how the arm comes to rest.",
-    "endurance": "Hold an object still over the wire protocols, in real time, and print the measurements per "
-    "minute.",
     "trials": "Score networks, angle methods, windows and the paper's rivals on the same SIMULATED lifts.",
 }
 """First line of help by name. The study NAME is in `rig.benchmark.NAME`, or in a module of that package."""
 MODULES = {
     **{name: f"{name}.study" for name in ("estimators", "clips", "calibration")},
-    **{name: f"wire.{name}" for name in ("faults", "safety", "endurance")},
+    **{name: f"wire.{name}" for name in ("faults", "safety")},
     "wire": "wire.lift",
 }
 

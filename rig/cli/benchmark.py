@@ -25,7 +25,6 @@ if TYPE_CHECKING:
 STUDIES = {
     "estimators": "Measure run time and error of every estimator, on 45 lifts and on disturbed clips.",
     "clips": "Compare the angles of estimators with the labels of clips, real or simulated.",
-    "calibration": "Compare the errors of the calibrations with their limits, on simulated and real data.",
     "reaction": "Lift the same SIMULATED objects without and with a reaction to slip, and compare.",
     "renderer": "Score estimators on SIMULATED lifts of a second renderer, independent of the bench's.",
     "seeds": "Carry out SIMULATED trials of several seeds; print errors and confidently wrong angles.",
@@ -37,7 +36,7 @@ STUDIES = {
 }
 """First line of help by name. The study NAME is in `rig.benchmark.NAME`, or in a module of that package."""
 MODULES = {
-    **{name: f"{name}.study" for name in ("estimators", "clips", "calibration")},
+    **{name: f"{name}.study" for name in ("estimators", "clips")},
     **{name: f"wire.{name}" for name in ("faults", "safety")},
     "wire": "wire.lift",
 }

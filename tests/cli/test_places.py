@@ -18,8 +18,8 @@ FOLDERS = (
     ("train-angle", "toskov", "--out"), ("train-turning", "--out"), ("calibrate", "camera", "--out"),
     ("calibrate", "tcp", "--out"),
     ("benchmark", "clips", "c", "--out"), ("benchmark", "estimators", "--out"),
-    ("benchmark", "calibration", "--out"), ("benchmark", "segmentation", "--out"),
-    ("benchmark", "trials", "--out"), ("benchmark", "wire", "--out"), ("benchmark", "safety", "--out"),
+    ("benchmark", "segmentation", "--out"), ("benchmark", "trials", "--out"), ("benchmark", "wire", "--out"),
+    ("benchmark", "safety", "--out"),
     ("benchmark", "faults", "--out"),
 )  # fmt: skip
 

@@ -25,7 +25,7 @@ from calibration.verdict import Verdict
 from drivers.errors import CalibrationError, InputError
 from drivers.images import read_image
 from drivers.types import Pose
-from rig.benchmark.calibration.board_scenes import BOARD, CAMERA, board_pose, render_target
+from support.board_scenes import BOARD, CAMERA, board_pose, render_target
 
 
 def exact_view(camera: CameraModel, camera_T_board: Pose, name: str, rng: np.random.Generator) -> View:  # noqa: N803
@@ -168,6 +168,16 @@ def test_camera_is_found_within_its_sigma(fitted: CameraFit) -> None:
     assert np.linalg.norm(camera_difference_px(CAMERA, found), axis=-1).mean() < 0.3
     assert assess_camera(result).verdict is Verdict.GOOD, assess_camera(result)
     assert predict(found, views(5, seed=9)) < 0.1
+
+
+@pytest.mark.heavy
+def test_camera_of_20_rendered_views_predicts_others_within_a_tenth_of_a_pixel() -> None:
+    rng, seen = np.random.default_rng(20), list[View]()
+    while len(seen) < 30:
+        found = BOARD.find(render_target(BOARD, CAMERA, board_pose(rng), rng), str(len(seen)))
+        if isinstance(found, View) and len(found.ids) >= 12:
+            seen.append(found)
+    assert predict(calibrate_camera(seen[:20]).fit.camera, seen[20:]) < 0.1
 
 
 @pytest.mark.heavy

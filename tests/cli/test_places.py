@@ -19,7 +19,7 @@ FOLDERS = (
     ("calibrate", "tcp", "--out"),
     ("benchmark", "clips", "c", "--out"), ("benchmark", "estimators", "--out"),
     ("benchmark", "segmentation", "--out"), ("benchmark", "trials", "--out"), ("benchmark", "wire", "--out"),
-    ("benchmark", "safety", "--out"),
+    ("benchmark", "safety", "--out"), ("benchmark", "lifts", "--out"),
     ("benchmark", "faults", "--out"),
 )  # fmt: skip
 

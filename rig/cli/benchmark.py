@@ -29,14 +29,13 @@ STUDIES = {
     "lifts": "Carry out SIMULATED lifts of several seeds; print errors and confidently wrong angles.",
     "segmentation": "Score the segmentation networks on SIMULATED objects and on real frames.",
     "wire": "Do one lift over the wire protocols in real time; measure lost frames, rates and agreement.",
-    "faults": "Let each device fail during a lift over the wire protocols; print how the rig recovers.",
     "safety": "Stop, kill or break a lift at random moments; print how the arm comes to rest.",
     "trials": "Score networks, angle methods, windows and the paper's rivals on the same SIMULATED lifts.",
 }
 """First line of help by name. The study NAME is in `rig.benchmark.NAME`, or in a module of that package."""
 MODULES = {
     **{name: f"{name}.study" for name in ("estimators", "clips")},
-    **{name: f"wire.{name}" for name in ("faults", "safety")},
+    "safety": "wire.safety",
     "wire": "wire.lift",
 }
 

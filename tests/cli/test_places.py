@@ -20,7 +20,6 @@ FOLDERS = (
     ("benchmark", "clips", "c", "--out"), ("benchmark", "estimators", "--out"),
     ("benchmark", "segmentation", "--out"), ("benchmark", "trials", "--out"), ("benchmark", "wire", "--out"),
     ("benchmark", "safety", "--out"), ("benchmark", "lifts", "--out"),
-    ("benchmark", "faults", "--out"),
 )  # fmt: skip
 
 

@@ -28,10 +28,11 @@ def start_slow_trial(bench: Path, session: Path, object_id: str) -> "subprocess.
 
 def slow_command(flag: str, module: str, *arguments: object) -> list[str]:
     assert (flag, module) == ("-m", "rig")
-    return python_command("-c", f"{IN_SLOW_MOTION}from rig.cli.main import main; main()", *arguments)
+    short = "import protocols.slip_trial as lift; lift.GRASP_S = lift.HOLD_S = 0.5"  # nothing happens there
+    return python_command("-c", f"{IN_SLOW_MOTION}{short}; from rig.cli.main import main; main()", *arguments)
 
 
-def test_killed_lift_and_blocked_fingers_keep_every_limit(
+def test_killed_lift_lost_power_and_blocked_fingers_keep_every_limit(
     tmp_path: Path, unhurried_bench: BenchConfig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     slow_down(monkeypatch, "rig.benchmark.wire.campaign")
@@ -39,10 +40,11 @@ def test_killed_lift_and_blocked_fingers_keep_every_limit(
     monkeypatch.setattr("rig.benchmark.wire.safety.END_S", LIMIT_S)
     plan = [
         PlannedRun(1, BY_NAME["kill -9"], Stage.LIFT, 0.5),
-        PlannedRun(2, BY_NAME["fingers blocked"], Stage.HOLD, 0.2),
+        PlannedRun(2, BY_NAME["gripper without power"], Stage.LIFT, 0.4),
+        PlannedRun(3, BY_NAME["fingers blocked"], Stage.HOLD, 0.2),
     ]
     runs = run_safety(Run(folder=tmp_path / "s"), plan, unhurried_bench)
-    assert [(run.event, run.stage) for run in runs] == [("kill -9", "lift"), ("fingers blocked", "hold")]
+    assert [run.stage for run in runs] == [Stage.LIFT, Stage.LIFT, Stage.HOLD]
     missed = [limit for limit in judge_runs(runs) if limit.met is False]
     assert not missed, (missed, runs)
-    assert "the person at the bench did not agree" in runs[1].said
+    assert "the person at the bench did not agree" in runs[2].said

@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from scipy.stats import f as f_distribution
 
 from calibration.camera.model import CameraModel, CameraUncertainty
 from calibration.hand_eye.pose_pairs import PoseSample, calibrate_pose_pairs
@@ -51,8 +52,12 @@ def paired(pairs: list[PoseSample], setup: Setup = Setup.EYE_TO_HAND) -> HandEye
 
 
 def holds(result: HandEyeResult, truth: Truth) -> bool:
+    """Return whether the truth lies within the 95 % confidence region (F test)."""
     assert result.pose is not None, result.assessment
-    return result.holds(truth.error_vector(result.pose))
+    assert result.covariance is not None
+    error = truth.error_vector(result.pose)
+    bound = 6 * f_distribution.ppf(0.95, 6, max(result.samples - 1, 1))
+    return float(error @ np.linalg.solve(result.covariance, error)) <= bound
 
 
 def error_mm(result: HandEyeResult, truth: Truth) -> float:

@@ -92,7 +92,6 @@ class Event:
     faults: tuple[tuple[str, str, Mapping[str, Any]], ...] = ()  # (device, kind, arguments) in order
     disk_full: bool = False  # writing fails
     named: str = ""  # a word that the fault of the lift has to contain
-    lets_go: bool = False  # whether the event itself may release the object
 
 
 def fault(

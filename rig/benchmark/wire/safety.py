@@ -13,7 +13,7 @@ import subprocess
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, closing, contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache, partial
 from pathlib import Path
 
@@ -69,7 +69,7 @@ EVENTS = (
     fault("fingers stuck", "gripper", "stuck", after=After.FINGERS),
     fault("false success", "gripper", "false_success", after=After.FINGERS),
     fault("fingers overshoot", "gripper", "overshoot", after=After.FINGERS),
-    replace(fault("fingers drift open", "gripper", "drift", named="without a command"), lets_go=True),
+    fault("fingers drift open", "gripper", "drift", named="without a command"),
     fault("fingertip lost", "SIM-D0001", "disconnect"),
     fault("fingertip frozen", "SIM-D0001", "freeze"),
     fault("fingertip without frames", "SIM-D0001", "drop"),
@@ -132,7 +132,7 @@ class SafetyRun:
     def __str__(self) -> str:
         stood = f"stood after {self.still_s:.2f} s, {self.way_mm:.1f} mm"
         wrong = {
-            "DROPPED": self.dropped and not BY_NAME[self.event].lets_go,
+            "DROPPED": self.dropped,
             f"UNASKED: {self.unasked}": self.unasked,
             "FINISHED LIFT LOST": not self.kept,
             f"ended with {self.ended}: {self.said}": not self.ended_well,
@@ -342,12 +342,11 @@ def judge_runs(runs: Sequence[SafetyRun]) -> tuple[Measured, ...]:
     """Return all limits; those on a stage or event of which there is no run are left out."""
     stopped = [run for run in runs if BY_NAME[run.event].after in (After.STAYS, After.SAFE_END)]
     lost = [run for run in runs if BY_NAME[run.event].after is After.NOTICED and BY_NAME[run.event].faults]
-    dropped = sum(run.dropped and not BY_NAME[run.event].lets_go for run in runs)
     way_mm = [run.way_mm for run in stopped if run.stage is Stage.APPROACH]
     lost_s = [run.still_s for run in lost if run.stage is Stage.LIFT]
     still_s = [run.still_s for run in stopped]
     return (
-        at_most("objects dropped", dropped, 0),
+        at_most("objects dropped", sum(run.dropped for run in runs), 0),
         at_most("runs in which something moved unasked", sum(bool(run.unasked) for run in runs), 0),
         at_most("finished lifts lost", sum(not run.kept for run in runs), 0),
         *(informative("from the event to standstill, s", max(still_s)) for _ in still_s[:1]),
@@ -360,7 +359,6 @@ def judge_runs(runs: Sequence[SafetyRun]) -> tuple[Measured, ...]:
 
 
 def safety_table(bench: str, runs: Sequence[SafetyRun]) -> Table:
-    """Return a row per event. A drop that the event itself may cause is counted in brackets."""
     title = f"SIMULATED bench '{bench}': longest time and way from the event to standstill"
     columns = ("event", "runs", *(f"{stage}: s, mm" for stage in Stage), "dropped", "unasked", "lift lost")
     rows = []
@@ -371,14 +369,9 @@ def safety_table(bench: str, runs: Sequence[SafetyRun]) -> Table:
         longest = [
             f"{max(r.still_s for r in s):.2f}, {max(r.way_mm for r in s):.1f}" if s else NONE for s in stages
         ]
-        dropped, continued = sum(r.dropped for r in of), sum(not r.not_continued for r in of)
-        wrong = [
-            f"({dropped})" if BY_NAME[name].lets_go else f"{dropped}",
-            f"{sum(bool(r.unasked) for r in of)}",
-            f"{sum(not r.kept for r in of)}",
-            f"{continued} of {len(of)}",
-        ]
-        rows.append((name, str(len(of)), *longest, *wrong))
+        wrong = [sum(r.dropped for r in of), sum(bool(r.unasked) for r in of), sum(not r.kept for r in of)]
+        continued = f"{sum(not r.not_continued for r in of)} of {len(of)}"
+        rows.append((name, str(len(of)), *longest, *map(str, wrong), continued))
     return Table(title, (*columns, "next lift"), rows, records=tuple(runs))
 
 

@@ -121,7 +121,6 @@ class Report:
     figures: Mapping[str, Any] = field(default_factory=dict)  # further JSON values, beside the tables' rows
     files: Mapping[str, str | bytes] = field(default_factory=dict)  # for --out, by name
     faults: Mapping[str, EstimatorFaults] = field(default_factory=dict)  # of a lab's own estimators
-    binding: bool = True  # whether a missed limit ends the command with exit code 4
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,10 +13,9 @@ import pytest
 
 from calibration.store import read_yaml
 from drivers.types import Pose
-from rig.benchmark.calibration.motion_scenes import general_scene, wiggle_scene
 from rig.calibrate.samples import pose_row
 from support.command_line import rig
-from support.motions import pivot_scene
+from support.motions import general_scene, pivot_scene, wiggle_scene
 from support.simulated_gel import SimulatedGel
 
 pytestmark = pytest.mark.usefixtures("quick_figures")

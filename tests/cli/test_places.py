@@ -17,9 +17,8 @@ FOLDERS = (
     ("segment", "x.png", "--out"), ("label", "x.png", "--out"), ("train", "--out"),
     ("calibrate", "camera", "--out"), ("calibrate", "tcp", "--out"),
     ("benchmark", "clips", "c", "--out"), ("benchmark", "estimators", "--out"),
-    ("benchmark", "calibration", "--out"), ("benchmark", "segmentation", "--out"),
-    ("benchmark", "trials", "--out"), ("benchmark", "wire", "--out"), ("benchmark", "safety", "--out"),
-    ("benchmark", "faults", "--out"),
+    ("benchmark", "segmentation", "--out"), ("benchmark", "trials", "--out"), ("benchmark", "wire", "--out"),
+    ("benchmark", "safety", "--out"), ("benchmark", "lifts", "--out"),
 )  # fmt: skip
 
 

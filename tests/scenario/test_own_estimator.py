@@ -12,7 +12,7 @@ import pytest
 from numpy.typing import NDArray
 
 from drivers.errors import EstimatorError
-from rig.benchmark import renderer
+from rig.benchmark import lifts
 from rig.benchmark.clips import study as clips
 from rig.benchmark.estimators.contenders import score_lift
 from rig.benchmark.harness import Run
@@ -187,7 +187,9 @@ def test_own_estimator_is_compared_on_a_session_and_by_the_second_renderer(
     done = rig("compare", "lab-pca", "pca", "--on", session, "--jobs", "1", "--json")
     assert done.returncode == 0, done.stderr
     assert json.loads(done.stdout)["lifts"] == 2
-    report = renderer.measure(renderer.RendererOptions([FAILING], lifts=1), Run(jobs=1))
+    report = lifts.measure(
+        lifts.LiftsOptions(lifts.DRAWN, seeds=1, lifts=1, estimator=[FAILING]), Run(jobs=1)
+    )
     assert report.faults[FAILING].frames > 2
     assert "no gradient today" in report.faults[FAILING].first
 

@@ -49,7 +49,7 @@ def test_rig_works_without_the_arm_library_and_pytest(tmp_path: Path) -> None:
         "sys.modules.update(dict.fromkeys(lacking));"
         "import rig.experiments.record, rig.experiments.replay, rig.experiments.trial, rig.cli.main;"
         "import rig.bench.source, rig.benchmark.estimators.study;"
-        "import rig.doctor.examination, rig.benchmark.wire.faults;"
+        "import rig.doctor.examination, rig.benchmark.wire.safety;"
         "from rig.bench.assembly import build_real_bench; from rig.config import load_bench;"
         f"print(build_real_bench(load_bench({str(real_bench_file(tmp_path))!r})).name)"
     )

@@ -15,8 +15,8 @@ from scipy.spatial.transform import Rotation
 from calibration.time_offset import TimedSignal, TimeOffset, make_stream, time_offset, turning_rate
 from calibration.verdict import Verdict
 from drivers.errors import CalibrationError
-from rig.benchmark.calibration.motion_scenes import wiggle_scene
 from support.marks import heavy
+from support.motions import wiggle_scene
 
 Array = np.ndarray
 Scene = tuple[TimedSignal, TimedSignal]

@@ -8,10 +8,11 @@ keeps the newest messages and drops the oldest.
 import json
 import os
 import socket
+import tempfile
 import threading
 from collections import deque
-from collections.abc import Iterable, Mapping
-from contextlib import suppress
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass
 from typing import Any
 
@@ -129,3 +130,11 @@ class Inbox:
                 self._messages.append(Message.unpacked(data))
             except ValueError:  # a datagram of another program
                 continue
+
+
+@contextmanager
+def open_inbox() -> Iterator[Inbox]:
+    """Yield an inbox at an address in a temporary folder."""
+    with tempfile.TemporaryDirectory(prefix="rig-live-") as folder:
+        with closing(Inbox(f"{folder}/inbox")) as inbox:
+            yield inbox

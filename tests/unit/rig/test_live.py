@@ -1,21 +1,16 @@
 """Messages of the live view never block, and lifts are shown on the terminal."""
 
 import os
-import shutil
 import socket
-import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 from drivers.clock import to_ns
-from drivers.errors import InputError
 from fakes.clock import SimulatedClock
 from rig.live.feed import KEPT_MESSAGES, LARGEST_BYTES, Inbox, Listener, Message, Sender
-from rig.live.session import check_viewer, viewer_environment
 from rig.live.trial_view import TrialView
 from rig.results.notes import lift_note
 from rig.sessions.records import Lift
@@ -94,26 +89,6 @@ def test_invalid_messages_are_ignored(tmp_path: Path) -> None:
     inbox.close()
 
 
-def test_viewer_is_found_without_an_activated_environment_and_marks_simulated_lifts(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    pytest.importorskip("rerun", reason="the live view's library is not installed: extra 'live'")
-    from rig.live.viewer import layout
-
-    monkeypatch.setenv("PATH", "/usr/bin:/bin")
-    found = shutil.which("rerun", path=viewer_environment()["PATH"])
-    assert found is not None
-    assert Path(found).parent == Path(sys.executable).parent
-
-    def names(part: Any) -> list[str]:
-        own = [part.name] if getattr(part, "name", None) else []
-        return own + [name for inner in getattr(part, "contents", ()) or () for name in names(inner)]
-
-    real, simulated = (names(layout(["D1"], mark).root_container) for mark in ("", "SIMULATED "))
-    assert {"camera and markers", "D1", "angle, deg", "arm"} <= set(real)
-    assert simulated == [f"SIMULATED {name}" for name in real]
-
-
 def test_time_left_excludes_start_up_and_pieces_of_the_earlier_run() -> None:
     clock = SimulatedClock()
     left = TimeLeft(10, clock=clock)
@@ -172,14 +147,3 @@ def test_progress_is_printed_as_lines_without_a_terminal(
     assert "\x1b" not in text
     sender.close()
     inbox.close()
-
-
-def test_impossible_viewer_is_rejected_first(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delenv("DISPLAY", raising=False)
-    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
-    monkeypatch.setattr("rig.config.extras.find_spec", lambda _: object())
-    with pytest.raises(InputError, match="no display"):
-        check_viewer()
-    monkeypatch.setattr("rig.config.extras.find_spec", lambda _: None)
-    with pytest.raises(InputError, match=r"\[live\]"):
-        check_viewer()

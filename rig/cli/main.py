@@ -31,8 +31,6 @@ COMMANDS = {
         "play": "Make a film of a lift or of your own frames, with contact, axes and the angle over time.",
         "compare": "Compare two trials, or two estimators on one trial, by paired differences with "
         "intervals.",
-        "results": "Summarize a results table: MARE with intervals, agreement with stored lifts, broken "
-        "sessions.",
         "export": "Export a session to a format that other tools open. The session itself is not changed.",
     },
     "Own images": {

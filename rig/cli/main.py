@@ -35,6 +35,7 @@ COMMANDS = {
     },
     "Own images": {
         "live": "Show the angle of one or two tactile sensors live, in the browser, as text or as JSON.",
+        "show": "Show a stored clip, ROS bag or lift as a whole, on a page with a slider.",
         "estimate": "Estimate the rotation of the contact in tactile images, in a table with a row per "
         "frame.",
         "explain": "Draw how the estimator slip finds an angle, on the two frames with the largest "

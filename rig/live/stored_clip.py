@@ -1,4 +1,4 @@
-"""The history of a stored clip for the page of `rig live --page`, with the angles of `rig estimate`."""
+"""The history of a stored clip for the page of `rig show`, with the angles of `rig estimate`."""
 
 from collections.abc import Sequence
 from pathlib import Path

@@ -1,6 +1,6 @@
-"""The page of `--watch` and of `rig live`. A separate process serves it, so that commands never wait.
+"""The page of `--watch`, `rig live` and `rig show`. A separate process serves it, so commands never wait.
 
-The page of `--watch` is read-only. The page of `rig live` also passes on the actions of its buttons.
+It is read-only, except that the page of `rig live` also passes on the actions of its buttons.
 """
 
 import json

@@ -33,9 +33,9 @@ MEASURED_S = 5.0
 
 
 @contextmanager
-def live(folder: Path, *arguments: str) -> Iterator[tuple[str, int]]:
-    """Run `rig live`; yield its page's address and its process id."""
-    command = [sys.executable, "-P", "-m", "rig", "live", *arguments, "--no-browser"]
+def live(folder: Path, *arguments: str, name: str = "live") -> Iterator[tuple[str, int]]:
+    """Run `rig live`, or another command with a page; yield its page's address and its process id."""
+    command = [sys.executable, "-P", "-m", "rig", name, *arguments, "--no-browser"]
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, cwd=folder) as process:
         lines = iter(process.stderr.readline, "")
         try:
@@ -389,7 +389,7 @@ def test_stored_clip_is_shown_as_a_whole(tmp_path: Path, browser: Browser) -> No
     for frame in frames:
         writer.add(frame)
     writer.close()
-    with live(tmp_path, str(clip), "--page", "--estimator", "ellipse") as (address, _):
+    with live(tmp_path, str(clip), "--estimator", "ellipse", name="show") as (address, _):
         for width, scheme in ((390, "dark"), (1400, "light")):
             browser.open(address, width, scheme)
             until(lambda: browser.value("document.querySelector('#chart .estimate') !== null"), LIMIT_S)

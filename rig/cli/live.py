@@ -21,7 +21,8 @@ from rig.declared import argument, option
 from rig.terminal.screen import shown
 
 if TYPE_CHECKING:
-    from rig.live.desk import Desk, Reading
+    from rig.live.desk import Desk
+    from rig.live.desk_sensor import Reading
     from rig.live.feed import Listener
     from rig.live.watch import WatchPage
 
@@ -126,9 +127,7 @@ def live(options: LiveOptions) -> None:
         if not options.terminal and not options.json:  # its process starts while this one imports the rest
             page = stack.enter_context(closing(WatchPage(at, title, estimators=offer(options.estimator))))
         desk = desk_of(options, stack, options.clips, () if page is None else (page.listener,))
-        say(f"{title}{'' if page is None else f' at {page.address}'}; press Ctrl-C to end")
-        if page is not None and options.browser:
-            open_page(page, stack)
+        begin_showing(title, page, options.browser, stack)
         compute_in_one_thread()
         stack.enter_context(desk)
         run_desk(desk, stack.enter_context(open_view(options, stopped)), options.seconds, stopped, page)
@@ -136,7 +135,7 @@ def live(options: LiveOptions) -> None:
             raise EstimatorError(f"ended; the estimator failed: {desk.fault}")
         notice = desk.notice
     # The summaries of sources that have ended were printed then.
-    lines = [] if desk.ended else [f"{sensor.name}: {sensor.summary}" for sensor in desk.sensors.values()]
+    lines = [] if desk.has_ended else [f"{sensor.name}: {sensor.summary}" for sensor in desk.sensors.values()]
     if desk.notice != notice:  # a clip that was being saved, or why it is not
         lines.append(desk.notice)
     say("\n".join([*lines, "ended"]))
@@ -153,12 +152,18 @@ def require_sensors(sources: Sequence[str]) -> None:
         )
 
 
-def open_page(page: "WatchPage", stack: ExitStack) -> None:
-    """Open a page in the browser; the stack then removes the file that names its secret address."""
+def begin_showing(title: str, page: "WatchPage | None", browser: bool, stack: ExitStack) -> None:
+    """Print the title and the address of the page, if there is one, and open it in the browser if wanted.
+
+    The stack then removes the file that names a secret address.
+    """
     import webbrowser
 
     from rig.pages.requests import way_to
 
+    say(f"{title}{'' if page is None else f' at {page.address}'}; press Ctrl-C to end")
+    if page is None or not browser:
+        return
     secret = bool(page.process.access.key)
     if not webbrowser.open(stack.enter_context(way_to(page.address)) if secret else page.address):
         say(NO_BROWSER)
@@ -288,7 +293,7 @@ def run_desk(
         if desk.notice != notice:
             notice = desk.notice
             say(notice)
-        if desk.ended and page is None:
+        if desk.has_ended and page is None:
             return
 
 

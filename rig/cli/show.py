@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from drivers.errors import InputError
 from rig.cli.common import mark, report_faults, say
-from rig.cli.live import PageOptions, open_page, stop_event
+from rig.cli.live import PageOptions, begin_showing, stop_event
 from rig.cli.options import TopicOption
 from rig.declared import argument, option
 from rig.terminal.screen import begin_phase, end_phase
@@ -84,9 +84,7 @@ def show(options: ShowOptions) -> None:
         closing(WatchPage(at, title, history=history)) as page,
         ExitStack() as stack,
     ):
-        say(f"{title} at {page.address}; press Ctrl-C to end")
-        if options.browser:
-            open_page(page, stack)
+        begin_showing(title, page, options.browser, stack)
         stopped.wait()
     say("ended")
     report_faults(one.faults for one in found.series if one.faults)

@@ -16,7 +16,8 @@ from drivers.types import Frame, Image
 from rig.contract_checks import gel, pressed_bar
 from rig.experiments.lift_plan import stored_trial
 from rig.experiments.replay import run_replay
-from rig.live.desk import Desk, DeskSettings, Reading
+from rig.live.desk import Desk, DeskSettings
+from rig.live.desk_sensor import Reading
 from rig.live.feed import Sender
 from rig.python.fingertip import BACKGROUND_FRAMES, LiveFingertip
 from rig.tactile.estimators import ESTIMATORS, TOSKOV, choose_estimator
@@ -92,7 +93,7 @@ def test_live_view_shows_the_state_and_a_notice() -> None:
     found: list[Reading] = []
     notices: list[str] = []
     with Desk([GivenFrames(frames)], DeskSettings(choose_estimator("slip")), Sender()) as desk:
-        while not desk.ended:
+        while not desk.has_ended:
             found += desk.step()
             notices += [] if notices[-1:] == [desk.notice] else [desk.notice]
     values = [reading.values() for reading in found]

@@ -16,8 +16,8 @@ from drivers.errors import DeviceError, DeviceTimeoutError, InputError
 from drivers.types import Frame, Image
 from rig.frames.estimates import Estimation
 from rig.frames.series import read_frames
-from rig.live import clip_writer
-from rig.live.desk import Desk, DeskSensor, DeskSettings, Reading
+from rig.live.desk import Desk, DeskSettings
+from rig.live.desk_sensor import DeskSensor, Reading
 from rig.live.feed import NO_FRAMES, OBJECT, Inbox, Listener, Sender
 from rig.live.sensor_background import BACKGROUND_FRAMES, store_background, stored_background
 from rig.tactile.estimators import choose_estimator
@@ -70,7 +70,7 @@ def test_angle_follows_the_object_from_the_moment_the_contact_has_settled(side: 
 
 def test_frames_are_shown_while_the_estimator_is_prepared() -> None:
     sensor = tip()
-    sensor.prepared = lambda: sensor._tally.frames > BACKGROUND_FRAMES + 2
+    sensor.wait_until(lambda: sensor._tally.frames > BACKGROUND_FRAMES + 2)
     shown = readings(sensor, 2.8)
     states = [r.state for r in shown[BACKGROUND_FRAMES : BACKGROUND_FRAMES + 3]]
     assert states == ["preparing the estimator"] * 2 + ["no_contact"]
@@ -91,9 +91,9 @@ def test_clip_has_the_frames_unchanged_and_gives_the_angles_of_the_live_view(
         while len(live) < BACKGROUND_FRAMES:
             live += desk.step()
         desk.act("record")
-        assert desk.recording
+        assert desk.clips.is_recording
         assert desk.notice.startswith(f"recording to {tmp_path}")
-        while not desk.ended:
+        while not desk.has_ended:
             live += desk.step()
         assert "all images have been played" in desk.notice
     (clip,) = tmp_path.iterdir()
@@ -153,26 +153,13 @@ def test_slip_alarm_of_the_object_ends_with_the_sensor_that_raised_it_and_its_an
     assert [(r.name, r.state, r.sample) for r in last] == [(n, NO_FRAMES, None) for n in ("D2", OBJECT)]
 
 
-def test_saved_frames_of_a_sensor_that_was_unplugged_are_of_the_last_30_s_too(tmp_path: Path) -> None:
-    image = next(desk_frames(2.1)).image
-    settings = DeskSettings(ELLIPSE, backgrounds=(image, image), clips=tmp_path)
-    desk = Desk([GivenFrames([], "D1"), GivenFrames([], "D2")], settings, Sender())
-    for name, seconds in (("D1", range(20)), ("D2", range(40))):
-        for second in seconds:
-            desk.sensors[name].newest.add(Frame(image, second * NS_PER_S, second, name))
-    with desk:
-        desk.act("save")
-    counts = {folder.name[18:]: len(list((folder / "frames").iterdir())) for folder in tmp_path.iterdir()}
-    assert counts == {"D1": 11, "D2": 31}
-
-
 @pytest.mark.heavy
 def test_two_sensors_give_one_angle() -> None:
     pairs = {f"D{side}": list(desk_frames(7.5, side)) for side in (1, -1)}
     sources = [GivenFrames(frames, name) for name, frames in pairs.items()]
     found: list[Reading] = []
     with Desk(sources, DeskSettings(SLIP), Sender()) as desk:
-        while not desk.ended:
+        while not desk.has_ended:
             found += [reading for reading in desk.step() if reading.name == OBJECT]
     last = found[-1].sample
     truth = desk_digit().turn_deg(list(desk_frames(7.5))[-1].time_ns)
@@ -238,7 +225,7 @@ def test_estimator_that_is_not_offered_or_cannot_be_made_is_refused_and_the_view
     offered = ("ellipse", "broken_tip:Move", "builtins:dict")
     settings = DeskSettings(ELLIPSE, clips=lab / "clips", estimators=offered)
     with Desk([GivenFrames(list(desk_frames(5.5)))], settings, Sender()) as desk:
-        while not collecting and not desk.recording:
+        while not collecting and not desk.clips.is_recording:
             desk.step()
             desk.act("record")
         for name in ("broken_tip:Other", "os:system", "", "ellipse ", " ellipse", "ELLIPSE"):
@@ -250,23 +237,9 @@ def test_estimator_that_is_not_offered_or_cannot_be_made_is_refused_and_the_view
             assert name in desk.notice
             assert cause in desk.notice
             assert desk.step()
-        assert desk.recording is not collecting
+        assert desk.clips.is_recording is not collecting
         states = {reading.state for _ in range(60) for reading in desk.step()}
         assert states >= {"no_contact"}
-
-
-def test_frame_with_picture_and_outline_reaches_viewers(tmp_path: Path) -> None:
-    inbox = Inbox(str(tmp_path / "viewer"))
-    sender = Sender([Listener(inbox.address, pictures=True)])
-    with Desk([GivenFrames(list(desk_frames(4.0)))], DeskSettings(ELLIPSE), sender) as desk:
-        while not desk.ended:
-            desk.step()
-    inbox.close()
-    sender.close()
-    messages = [message for message in inbox.take() if message.kind == "sensor"]
-    assert messages[-1].picture.startswith(b"\xff\xd8")
-    assert messages[-1].values["state"] == "tracking"
-    assert len(messages[-1].values["outline"]) > 10
 
 
 @contextmanager
@@ -280,81 +253,26 @@ def with_page(tmp_path: Path, frames: Iterable[Frame], clips: Path) -> Iterator[
     sender.close()
 
 
-def acted(desk: Desk, action: str) -> str:
-    """Carry out an action, wait for a clip that is being saved, and return the notice."""
-    desk.act(action)
-    if desk._saving is not None:
-        desk._saving.join()
-        desk._show_saved()
-    return desk.notice
-
-
-@pytest.mark.heavy
-@pytest.mark.parametrize("with_jpeg", [True, False])
-def test_saved_clip_has_the_newest_frames_unchanged_also_during_a_recording(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, with_jpeg: bool
-) -> None:
-    monkeypatch.setattr(clip_writer, "SAVED_S", 1.5)
-    frames = [frame if with_jpeg else replace(frame, jpeg=None) for frame in desk_frames(5.0)]
-    with with_page(tmp_path, frames, tmp_path / "clips") as (desk, _):
-        assert acted(desk, "save") == "save: wait until the background is taken"
-        while len(seen := [*desk.step()]) and seen[0].state == "taking the background":
-            pass
-        desk.act("record")
-        while not desk.ended:
+def test_frame_with_picture_and_outline_reaches_viewers(tmp_path: Path) -> None:
+    with with_page(tmp_path, desk_frames(4.0), tmp_path) as (desk, inbox):
+        while not desk.has_ended:
             desk.step()
-        desk.act(f"mark {desk.sensors['GIVEN'].newest.frames[30].time_ns / 1e9:.9f}")
-        assert desk.recording
-        notice = acted(desk, "save")
-        assert acted(desk, "save") != notice, "another clip"
-        assert desk.recording, "the recording goes on"
-    recorded, saved, again = sorted((tmp_path / "clips").iterdir(), key=lambda one: one.stat().st_ctime_ns)
-    assert notice == f"saved {saved}: 46 frames, 1.5 s"
-    assert len(list((recorded / "frames").iterdir())) == len(frames) - BACKGROUND_FRAMES - 1
-    for clip in (saved, again):
-        kept = list(read_frames(clip).read())
-        assert np.array_equal([one.image for one in kept], [frame.image for frame in frames[-46:]])
-        assert [one.time.time_ns for one in kept] == [f.time_ns - frames[-46].time_ns for f in frames[-46:]]
-        if with_jpeg:
-            files = sorted((clip / "frames").iterdir())
-            assert [file.read_bytes() for file in files] == [frame.jpeg for frame in frames[-46:]]
-    assert (saved / "marks.csv").read_text() == "time_s,text\n1.000000000,mark 1\n"
-    assert len((recorded / "marks.csv").read_text().splitlines()) == 2
+    messages = [message for message in inbox.take() if message.kind == "sensor"]
+    assert messages[-1].picture.startswith(b"\xff\xd8")
+    assert messages[-1].values["state"] == "tracking"
+    assert len(messages[-1].values["outline"]) > 10
 
 
-@pytest.mark.heavy
-def test_frames_that_are_kept_for_saving_are_bounded_in_bytes(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    frames = [replace(frame, jpeg=None) for frame in desk_frames(4.0)]
-    monkeypatch.setattr(clip_writer, "MOST_SAVED_BYTES", 10 * frames[0].image.nbytes)
-    with with_page(tmp_path, frames, tmp_path) as (desk, _):
-        while not desk.ended:
-            desk.step()
-        assert len(desk.sensors["GIVEN"].newest.frames) == 10
-        assert "10 frames, 0.3 s" in acted(desk, "save")
-
-
-def test_clip_that_cannot_be_saved_is_named_and_the_view_goes_on(tmp_path: Path) -> None:
-    (tmp_path / "file").touch()
-    with with_page(tmp_path, desk_frames(4.0), tmp_path / "file" / "clips") as (desk, _):
+def test_saved_clips_are_named_when_the_desk_is_closed(tmp_path: Path) -> None:
+    with with_page(tmp_path, desk_frames(3.0), tmp_path / "clips") as (desk, _):
+        desk.act("save")
+        assert desk.notice == "save: wait until the background is taken"
         while not any(reading.sample is not None for reading in desk.step()):
             pass
-        assert "the clip cannot be written (Not a directory)" in acted(desk, "save")
-        assert desk.step()
-
-
-def test_all_sensors_are_recorded_or_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    frames = list(desk_frames(2.1))
-    (tmp_path / "D2").touch()
-    monkeypatch.setattr("rig.live.desk.clip_folder", lambda clips, serial: clips / serial / "clip")
-    settings = DeskSettings(ELLIPSE, backgrounds=(frames[0].image, frames[0].image), clips=tmp_path)
-    sources = [GivenFrames(frames, "D1"), GivenFrames(frames, "D2")]
-    with Desk(sources, settings, Sender()) as desk:
-        desk.act("record")
-        assert "the clip cannot be written (Not a directory)" in desk.notice
-        assert not desk.recording
-        assert desk.step()
+        desk.act("save")
+        assert desk.notice == "saving the last 30 s"
+    (clip,) = (tmp_path / "clips").iterdir()
+    assert desk.notice == f"saved {clip}: {BACKGROUND_FRAMES + 1} frames, 0.5 s"
 
 
 def test_marks_are_numbered_and_reach_the_page(tmp_path: Path) -> None:
@@ -365,7 +283,8 @@ def test_marks_are_numbered_and_reach_the_page(tmp_path: Path) -> None:
             ("mark x", "'mark x' is not known: reload the page"),
             ("mark 13.000", "mark 2"),
         ):
-            assert acted(desk, action) == notice
+            desk.act(action)
+            assert desk.notice == notice
     found = [message.values for message in inbox.take() if message.kind == "mark"]
     assert found == [{"t_s": 12.5, "text": "mark 1"}, {"t_s": 13.0, "text": "mark 2"}]
 
@@ -503,7 +422,7 @@ def test_end_of_a_source_names_its_frames() -> None:
     frames = list(desk_frames(6.0))
     with Desk([GivenFrames(frames)], DeskSettings(SLIP), Sender()) as desk:
         answered = 0
-        while not desk.ended:
+        while not desk.has_ended:
             answered += sum(r.sample is not None and r.sample.angle_deg is not None for r in desk.step())
     assert answered > 60
     told = re.search(

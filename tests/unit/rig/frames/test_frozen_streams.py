@@ -19,7 +19,7 @@ from rig.experiments.replay import run_replay
 from rig.live.desk import Desk, DeskSettings
 from rig.live.desk_sensor import Reading
 from rig.live.feed import Sender
-from rig.python.fingertip import BACKGROUND_FRAMES, LiveFingertip
+from rig.python.fingertip import LiveFingertip
 from rig.tactile.estimators import ESTIMATORS, TOSKOV, choose_estimator
 from support.command_line import rig as command
 from support.desk_frames import GivenFrames
@@ -116,7 +116,7 @@ def test_frames_of_a_folder_are_marked_and_counted(tmp_path: Path) -> None:
 def test_fingertip_of_a_program_has_the_state_and_logs_it(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    sensor = play(monkeypatch, clip()[UNTOUCHED - BACKGROUND_FRAMES : FROZEN_FROM + FROZEN])
+    sensor = play(monkeypatch, clip()[: FROZEN_FROM + FROZEN])
     tip, states = LiveFingertip("fake", "B", "ellipse"), []
     tip.connect()
     while len(sensor.images) > 1:

@@ -125,7 +125,9 @@ def live(options: LiveOptions) -> None:
     with stop_event() as stopped, ExitStack() as stack:
         page = None
         if not options.terminal and not options.json:  # its process starts while this one imports the rest
-            page = stack.enter_context(closing(WatchPage(at, title, estimators=offer(options.estimator))))
+            page = stack.enter_context(
+                closing(WatchPage(at, title, estimators=choosable_estimators(options.estimator)))
+            )
         desk = desk_of(options, stack, options.clips, () if page is None else (page.listener,))
         begin_showing(title, page, options.browser, stack)
         compute_in_one_thread()
@@ -189,7 +191,7 @@ def is_simulated(sources: Sequence[str]) -> bool:
     return any(text == FAKE or is_simulated_clip(Path(text)) for text in sources)
 
 
-def offer(estimator: str | None) -> tuple[str, ...]:
+def choosable_estimators(estimator: str | None) -> tuple[str, ...]:
     """Return the estimators that the user can choose from. estimator: named on the command line."""
     from rig.tactile.estimators import DEFAULT_ESTIMATOR, ESTIMATORS, TOSKOV
 
@@ -239,7 +241,7 @@ def desk_of(
         clips=clips,
         serials=tuple(map(serial_of, texts)),
         simulated=is_simulated(texts),
-        estimators=offer(options.estimator),
+        estimators=choosable_estimators(options.estimator),
     )
     sender = Sender(listeners)
     stack.callback(sender.close)
@@ -288,8 +290,8 @@ def run_desk(
     while not stopped.is_set() and (end_ns is None or clock.now_ns() < end_ns):
         for reading in desk.step():
             show(reading)
-        if page is not None and (asked := page.asked()) is not None:
-            desk.act(asked)
+        if page is not None and (action := page.take_action()) is not None:
+            desk.act(action)
         if desk.notice != notice:
             notice = desk.notice
             say(notice)

@@ -38,12 +38,12 @@ class Message:
     values: dict[str, Any]
     picture: bytes = b""
 
-    def packed(self) -> bytes:
+    def pack(self) -> bytes:
         """Return the datagram: a line of JSON, then the image's bytes."""
         return json.dumps({"kind": self.kind, **self.values}).encode() + b"\n" + self.picture
 
     @classmethod
-    def unpacked(cls, data: bytes) -> "Message":
+    def unpack(cls, data: bytes) -> "Message":
         """Return the message in a datagram. Raises `ValueError` for an invalid one."""
         line, _, picture = data.partition(b"\n")
         values = json.loads(line)
@@ -77,7 +77,7 @@ class Sender:
 
     def send(self, kind: str, values: Mapping[str, object], picture: bytes = b"") -> None:
         """Send a message, with an image only to listeners that show images; never blocks, never raises."""
-        data = Message(kind, dict(values), picture).packed()
+        data = Message(kind, dict(values), picture).pack()
         if len(data) > LARGEST_BYTES:
             self.lost += 1
             return
@@ -127,7 +127,7 @@ class Inbox:
     def _receive(self) -> None:
         while data := self._socket.recv(LARGEST_BYTES):
             try:
-                self._messages.append(Message.unpacked(data))
+                self._messages.append(Message.unpack(data))
             except ValueError:  # a datagram of another program
                 continue
 

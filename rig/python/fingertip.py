@@ -51,6 +51,8 @@ class _Newest:
 class LiveFingertip:
     """A live tactile sensor of a bench file; no other device of the bench is connected.
 
+    Each frame is estimated after it was read. If this takes too long, frames older than 0.3 s are skipped.
+
     bench: as for `--bench`. finger: name as in the bench file. estimator: a name; None for frames without
     angles. Raises `InputError` for an invalid bench, estimator or finger.
     """
@@ -70,7 +72,7 @@ class LiveFingertip:
         self._changed, self._newest = threading.Condition(), _Newest()
 
     @property
-    def connected(self) -> bool:
+    def is_connected(self) -> bool:
         """Whether the sensor is connected."""
         return self._opened is not None
 

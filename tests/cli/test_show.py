@@ -13,32 +13,27 @@ import numpy as np
 import pytest
 
 from rig.cli.show import ShowOptions, estimate_stored
-from rig.live.clip_writer import ClipWriter
 from rig.live.feed import OBJECT
 from rig.live.state import WITH_CONTACT
 from rig.live.stored_clip import stored_history
 from rig.sessions.manifest import TrialManifest, read_manifest_of
 from support.command_line import rig
-from support.desk_frames import desk_frames
+from support.desk_frames import desk_frames, write_desk_clip
 from support.waiting import LIMIT_S
 
 STORED = Path(__file__).resolve().parents[1] / "data" / "stored_trial"
 
 
 def test_page_shows_the_clip_until_ctrl_c(tmp_path: Path) -> None:
-    frames = list(desk_frames(4.0, every=2))
-    clip = ClipWriter(tmp_path / "pen", frames[0].image, {"sensor": "D1", "simulated": True})
-    for frame in frames:
-        clip.add(frame)
-    clip.close()
-    command = [sys.executable, "-P", "-u", "-m", "rig", "show", clip.folder, "--no-browser"]
+    write_desk_clip(clip := tmp_path / "pen", 4.5, every=2)
+    command = [sys.executable, "-P", "-u", "-m", "rig", "show", clip, "--no-browser"]
     with subprocess.Popen([*command, "--estimator", "ellipse"], stderr=subprocess.PIPE, text=True) as process:
         assert process.stderr is not None
         lines = iter(process.stderr.readline, "")
         line = next(line for line in lines if "press Ctrl-C" in line)
         found = re.fullmatch(r"SIMULATED (\S+) at (http://\S+/); press Ctrl-C to end\n", line)
         assert found is not None, line
-        assert found[1] == str(clip.folder)
+        assert found[1] == str(clip)
         with urlopen(f"{found[2]}state.json") as answer:
             state = json.load(answer)
         process.send_signal(signal.SIGINT)
@@ -46,7 +41,7 @@ def test_page_shows_the_clip_until_ctrl_c(tmp_path: Path) -> None:
         assert process.wait(LIMIT_S) == 0, rest
     assert rest.endswith("ended\n")
     assert state["began_s"] == 0.0
-    assert {"contact", "zero"} <= {event["text"] for event in state["events"]}
+    assert {"contact", "zero", "mark 1"} <= {event["text"] for event in state["events"]}
 
 
 @pytest.mark.heavy

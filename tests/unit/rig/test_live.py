@@ -17,7 +17,7 @@ from rig.sessions.records import Lift
 from rig.terminal.screen import TimeLeft, left_text
 from support.waiting import until
 
-LIFT = {"number": 3, "attempt": 0, "object": "t1", "name": "wrench", "lift": 2, "sender": 7}
+LIFT = {"number": 3, "object": "t1", "name": "wrench", "lift": 2, "sender": 7}
 FIGURES = {
     "time_ns": 5, "phase": "B", "estimate": [(4, -3.0, 0.2), (5, -3.14, 0.2)], "truth": [(5, -3.06)],
     "rates_hz": {"D1": 60.0, "D2": 59.5, "camera": None}, "dropped": {"D1": 0, "D2": 2, "camera": 1},
@@ -83,7 +83,7 @@ def test_late_reader_gets_the_newest_messages(tmp_path: Path) -> None:
 def test_invalid_messages_are_ignored(tmp_path: Path) -> None:
     inbox = Inbox(str(tmp_path / "a"))
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as stranger:
-        for data in (b"hello", b"[1, 2]\n", b'{"no": "kind"}\n', Message("phase", {"n": 1}).packed()):
+        for data in (b"hello", b"[1, 2]\n", b'{"no": "kind"}\n', Message("phase", {"n": 1}).pack()):
             stranger.sendto(data, inbox.address)
     assert wait_for(inbox, 1) == [Message("phase", {"n": 1})]
     inbox.close()

@@ -13,13 +13,19 @@ import pytest
 
 from drivers.clock import NS_PER_S, SystemClock
 from drivers.errors import DeviceError, DeviceTimeoutError, InputError
+from drivers.images import decode_stored
 from drivers.types import Frame, Image
 from rig.frames.estimates import Estimation
 from rig.frames.series import read_frames
 from rig.live.desk import Desk, DeskSettings
 from rig.live.desk_sensor import DeskSensor, Reading
 from rig.live.feed import NO_FRAMES, OBJECT, Inbox, Listener, Sender
-from rig.live.sensor_background import BACKGROUND_FRAMES, store_background, stored_background
+from rig.live.sensor_background import (
+    BACKGROUND_FRAMES,
+    SensorBackground,
+    store_background,
+    stored_background,
+)
 from rig.tactile.estimators import choose_estimator
 from support.desk_frames import GivenFrames, desk_digit, desk_frames
 from support.marks import heavy
@@ -28,11 +34,6 @@ CLOCK = SystemClock()
 SLIP, ELLIPSE = choose_estimator("slip"), choose_estimator("ellipse")
 TAKEN = "background taken; press an object on the gel"
 DOUBT = "this background looks like a contact: lift the object, press Take background"
-
-
-def tip(serial: str | None = None, background: Image | None = None) -> DeskSensor:
-    """Return a sensor for tests of its background."""
-    return DeskSensor("D", ELLIPSE, 1, background, None, serial)
 
 
 def readings(sensor: DeskSensor, until_s: float, side: int = 1) -> list[Reading]:
@@ -69,7 +70,7 @@ def test_angle_follows_the_object_from_the_moment_the_contact_has_settled(side: 
 
 
 def test_frames_are_shown_while_the_estimator_is_prepared() -> None:
-    sensor = tip()
+    sensor = DeskSensor("D", ELLIPSE, 1, None, None)
     sensor.wait_until(lambda: sensor._tally.frames > BACKGROUND_FRAMES + 2)
     shown = readings(sensor, 2.8)
     states = [r.state for r in shown[BACKGROUND_FRAMES : BACKGROUND_FRAMES + 3]]
@@ -95,7 +96,12 @@ def test_clip_has_the_frames_unchanged_and_gives_the_angles_of_the_live_view(
         assert desk.notice.startswith(f"recording to {tmp_path}")
         while not desk.has_ended:
             live += desk.step()
-        assert "all images have been played" in desk.notice
+    answered = sum(r.sample is not None and r.sample.angle_deg is not None for r in live)
+    counts = f"{answered} of 180 frames with an angle; without: (.*); 0 dropped"
+    said = re.search(f"all images have been played; .*; {counts}", desk.notice)
+    assert said is not None
+    assert "15 taking the background" in said[1]
+    assert answered + sum(int(count) for count in re.findall(r"\d+", said[1])) == 180
     (clip,) = tmp_path.iterdir()
     assert {file.suffix for file in (clip / "frames").iterdir()} == {".jpg" if with_jpeg else ".png"}
     series = read_frames(clip)
@@ -309,13 +315,9 @@ def state_home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def notices(sensor: DeskSensor, frames: Iterable[Frame]) -> list[str]:
-    """Return the news about the background in frames."""
-    news = []
-    for frame in frames:
-        sensor.take(frame, CLOCK)
-        news += [sensor.news] if sensor.news else []
-    return news
+def notices(background: SensorBackground, frames: Iterable[Frame]) -> list[str]:
+    """Return the news about a background in frames."""
+    return [news for frame in frames if (news := background.add(frame))]
 
 
 def pressed() -> list[Frame]:
@@ -328,68 +330,66 @@ def released() -> list[Frame]:
     return list(desk_frames(17.5, from_s=16.0))
 
 
+def weak() -> Image:
+    """A frame with a contact that is seen only when it is lifted off."""
+    return (0.75 * released()[0].image + 0.25 * pressed()[0].image).astype(np.uint8)
+
+
 @pytest.mark.heavy
 def test_background_taken_during_a_contact_is_named_until_it_is_taken_again() -> None:
-    sensor = tip()
-    (news,) = notices(sensor, pressed())
-    assert news == f"background taken; {DOUBT}"
-    reading = sensor.take(released()[0], CLOCK)
-    assert reading.values()["doubt"] == DOUBT
+    sensor = DeskSensor("D", ELLIPSE, 1, None, None)
+    assert notices(sensor.background, pressed()) == [f"background taken; {DOUBT}"]
+    assert sensor.take(released()[0], CLOCK).values()["doubt"] == DOUBT
     sensor.take_background()
-    assert notices(sensor, released()) == [TAKEN]
+    assert notices(sensor.background, released()) == [TAKEN]
     assert sensor.take(pressed()[0], CLOCK).doubt == ""
 
 
 @pytest.mark.heavy
 def test_given_background_with_a_weak_contact_is_named_when_the_object_is_lifted() -> None:
-    empty, contact = released()[0].image, pressed()[0].image
-    weak = (0.75 * empty + 0.25 * contact).astype(np.uint8)
-    sensor = tip(background=weak)
-    assert sensor.background.doubt == ""
-    (news,) = notices(sensor, released())
-    assert news == DOUBT
+    background = SensorBackground(weak(), None, "begin again")
+    assert background.doubt == ""
+    assert notices(background, released()) == ["this background looks like a contact: begin again"]
 
 
 @pytest.mark.heavy
 def test_background_is_stored_for_its_serial_and_used_at_the_next_start(state_home: Path) -> None:
-    first = notices(tip("D20001"), released())
+    first = notices(SensorBackground(None, "D20001"), released())
     assert first == ["background taken and stored for serial D20001; press an object on the gel"]
     stored = state_home / "visuotactile-slip-rig/backgrounds/D20001.png"
     taken = datetime(2026, 11, 26, 10, 12).timestamp()
     os.utime(stored, (taken, taken))
-    again = tip("D20001")
+    again = SensorBackground(None, "D20001")
     (news,) = notices(again, released())
     assert re.fullmatch(
         r"background of serial D20001 from 2026-11-26 10:12 is used: gel unchanged "
         r"\(light [+-]0 %, gel [0-3] %\); press an object on the gel",
         news,
     )
-    assert again.take(pressed()[0], CLOCK).background == "of serial D20001, from 2026-11-26 10:12"
-    on_the_gel = tip("D20001")
-    *frames, last = pressed()
-    (news,) = notices(on_the_gel, frames)
+    assert again.origin == "of serial D20001, from 2026-11-26 10:12"
+    on_the_gel = SensorBackground(None, "D20001")
+    (news,) = notices(on_the_gel, pressed())
     assert "from 2026-11-26 10:12 is used: something touches the gel (light" in news
-    assert on_the_gel.take(last, CLOCK).state == "tracking"
-    assert on_the_gel.background.doubt == ""
+    assert on_the_gel.doubt == ""
+    for used in (again, on_the_gel):
+        assert np.array_equal(used.image, decode_stored(stored.read_bytes()))
 
 
 @pytest.mark.heavy
 @pytest.mark.usefixtures("state_home")
 def test_outdated_or_doubtful_stored_background_is_replaced() -> None:
-    empty = released()[0].image
     store_background("D20001", pressed()[0].image)
-    (news,) = notices(tip("D20001"), released())
+    (news,) = notices(SensorBackground(None, "D20001"), released())
     name = r"the gel has changed since the background of serial D20001 from .*"
     assert re.match(rf"{name} \(light .* %, gel \d+ %\): a new background was taken and stored", news)
     assert stored_background("D20001") is not None
-    weak = (0.75 * empty + 0.25 * pressed()[0].image).astype(np.uint8)
-    store_background("D20001", weak)
-    sensor = tip("D20001")
-    held = [replace(frame, image=weak) for frame in pressed()]
-    assert len(notices(sensor, [*held, *released()])) == 2, "it is used, then doubted"
+    faint = weak()
+    store_background("D20001", faint)
+    held = [replace(frame, image=faint) for frame in pressed()]
+    news_of_weak = notices(SensorBackground(None, "D20001"), [*held, *released()])
+    assert len(news_of_weak) == 2, "it is used, then doubted"
     assert stored_background("D20001") is None, "not offered again"
-    contact = tip("D20001")
-    notices(contact, pressed())
+    notices(SensorBackground(None, "D20001"), pressed())
     assert stored_background("D20001") is None, "a contact is not stored"
 
 
@@ -403,10 +403,10 @@ def test_backgrounds_of_similar_serials_differ_and_one_that_cannot_be_stored_is_
         assert stored_background(one) is not None
     (state_home / "file").touch()
     monkeypatch.setenv("XDG_STATE_HOME", str(state_home / "file"))
-    sensor = tip("D20001")
-    (news,) = notices(sensor, released())
+    background = SensorBackground(None, "D20001")
+    (news,) = notices(background, released())
     assert "background taken (not stored: " in news
-    assert [sensor.take(frame, CLOCK).state for frame in pressed()[:3]][-1] == "tracking"
+    assert background.image is not None
 
 
 def test_source_named_as_the_fused_angle_and_background_of_another_size_are_refused() -> None:
@@ -414,21 +414,4 @@ def test_source_named_as_the_fused_angle_and_background_of_another_size_are_refu
     with pytest.raises(InputError, match="source 'object'"):
         Desk(sources, DeskSettings(SLIP), Sender())
     with pytest.raises(InputError, match="use one size"):
-        readings(tip(background=np.zeros((240, 320, 3), np.uint8)), 2.1)
-
-
-@pytest.mark.heavy
-def test_end_of_a_source_names_its_frames() -> None:
-    frames = list(desk_frames(6.0))
-    with Desk([GivenFrames(frames)], DeskSettings(SLIP), Sender()) as desk:
-        answered = 0
-        while not desk.has_ended:
-            answered += sum(r.sample is not None and r.sample.angle_deg is not None for r in desk.step())
-    assert answered > 60
-    told = re.search(
-        rf"all images have been played; .*; {answered} of 120 frames with an angle; without: (.*); 0 dropped",
-        desk.notice,
-    )
-    assert told
-    assert "15 taking the background" in told[1]
-    assert answered + sum(int(count) for count in re.findall(r"\d+", told[1])) == 120
+        readings(DeskSensor("D", ELLIPSE, 1, np.zeros((240, 320, 3), np.uint8), None), 2.1)

@@ -23,7 +23,7 @@ def test_angle_counts_from_the_settled_contact_and_has_the_sign_of_the_fingertip
     bars = [pressed_bar(20.0 + max(0, i - 30), i) for i in range(50)]
     sensor = play(monkeypatch, untouched + bars, sign=-1)
     tip = LiveFingertip("fake", "B")
-    sensor.ready = lambda: not tip.connected or tip.angle().time_s == sensor.newest.time_ns / NS_PER_S
+    sensor.ready = lambda: not tip.is_connected or tip.angle().time_s == sensor.newest.time_ns / NS_PER_S
     with pytest.raises(NotConnectedError):
         tip.angle()
     tip.connect()
@@ -65,7 +65,7 @@ def test_frozen_sensor_gives_no_background(monkeypatch: pytest.MonkeyPatch) -> N
 
 def test_simulated_sensor_is_read_in_real_time() -> None:
     tip = LiveFingertip("fake", "C", estimator=None)
-    assert (tip.rate_hz, tip.size_px, tip.connected) == (60.0, (240, 320), False)
+    assert (tip.rate_hz, tip.size_px, tip.is_connected) == (60.0, (240, 320), False)
     tip.connect()
     first, second = tip.next(5.0), tip.next(5.0)
     assert second.time_ns > first.time_ns

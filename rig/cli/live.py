@@ -70,7 +70,7 @@ class DeskOptions:
     )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class PageOptions:
     """Where a page is served, and whether it is opened."""
 

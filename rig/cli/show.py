@@ -3,7 +3,7 @@
 from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 from drivers.errors import InputError
 from rig.cli.common import mark, report_faults, say
@@ -13,11 +13,12 @@ from rig.declared import argument, option
 from rig.terminal.screen import begin_phase, end_phase
 
 if TYPE_CHECKING:
-    from rig.frames.estimates import EstimatedSeries
+    from rig.live.state import History
+    from rig.tactile.sample import EstimatorFaults
 
 
 @dataclass(frozen=True)
-class StoredOptions:
+class ShowOptions(PageOptions):
     stored: Path = argument(
         ..., "Clip, video, folder of images, ROS bag, session of a trial, or recording of a lift (.mcap)."
     )
@@ -39,23 +40,6 @@ class StoredOptions:
     )
 
 
-@dataclass(frozen=True)
-class ShowOptions(PageOptions, StoredOptions):
-    pass
-
-
-class Estimated(NamedTuple):
-    """The estimated clip or recording, its path, and its series, one for each sensor.
-
-    lift_ns: start of the lift of a recording, None for a clip. simulated: whether the frames are simulated.
-    """
-
-    path: Path
-    series: "list[EstimatedSeries]"
-    lift_ns: int | None
-    simulated: bool
-
-
 def show(options: ShowOptions) -> None:
     """Show a stored clip, ROS bag or lift as a whole, on a page with a slider.
 
@@ -70,15 +54,10 @@ def show(options: ShowOptions) -> None:
       rig show sessions/2026-11-21T093000_trial --lift 3
       rig show bag/ --topic /digit_left/image_raw/compressed --no-browser
     """
-    from rig.live.stored_clip import stored_history
     from rig.live.watch import WatchPage, watch_address
 
     at = watch_address(options.watch_at)
-    found = estimate_stored(options)
-    title = f"{mark(found.simulated)}{found.path}"
-    begin_phase("drawing the frames")
-    history = stored_history(found.series, found.lift_ns, found.path)
-    end_phase()
+    title, history, faults = estimate_stored(options)
     with (
         stop_event() as stopped,
         closing(WatchPage(at, title, history=history)) as page,
@@ -87,46 +66,48 @@ def show(options: ShowOptions) -> None:
         begin_showing(title, page, options.browser, stack)
         stopped.wait()
     say("ended")
-    report_faults(one.faults for one in found.series if one.faults)
+    report_faults(faults)
 
 
-def estimate_stored(options: ShowOptions) -> Estimated:
-    """Estimate a clip, or the fingertips of a lift, and print the figures. Raises `InputError`."""
+def estimate_stored(options: ShowOptions) -> "tuple[str, History, list[EstimatorFaults]]":
+    """Estimate a clip, or the fingertips of a lift, and print the figures.
+
+    Returns its name, its history for the page, and the faults of a user-defined estimator. Raises
+    `InputError`.
+    """
     from rig.cli.estimate import estimate_all, report_estimate
     from rig.frames.estimates import Estimation
     from rig.frames.of_session import recording_frames
     from rig.frames.series import read_frames
+    from rig.live.stored_clip import stored_history
+    from rig.report.session import find_lift
     from rig.sessions.files import is_recording
+    from rig.sessions.manifest import TrialManifest, is_session, read_manifest_of
     from rig.sessions.recording_file import recording_values
     from rig.tactile.estimators import choose_estimator
 
-    path = path_of_lift(options)
-    choice = choose_estimator(options.estimator, gel=options.gel)
-    run = Estimation(choice, options.background, aspect=options.pixel_aspect)
+    path, lift_ns = options.stored, None
+    run = Estimation(
+        choose_estimator(options.estimator, gel=options.gel), options.background, aspect=options.pixel_aspect
+    )
+    if is_session(path):
+        manifest = read_manifest_of(path, TrialManifest, "only trials have lifts")
+        path /= find_lift(path, manifest, options.lift).recording
+    elif options.lift is not None:
+        raise InputError(f"{path} is not a session: leave --lift out")
     if is_recording(path):
         if options.gel is not None or options.fps is not None or options.topic is not None:
             raise InputError(f"{path} contains times and sensors: leave --gel, --fps and --topic out")
         tips = recording_frames(path)
+        shown, lift_ns = list(estimate_all(run, tips)), tips[0].lift_ns
         simulated = recording_values(path).get("simulated") == "SIMULATED"
-        found = Estimated(path, list(estimate_all(run, tips)), tips[0].lift_ns, simulated)
     else:
         begin_phase(f"estimating {path}")
         series = read_frames(path, fps=options.fps, topic=options.topic)
-        found = Estimated(path, [run.of_series(series)], None, series.simulated)
-    for one in found.series:
-        report_estimate(f"{mark(found.simulated)}{one.name}", one, run)
-    return found
-
-
-def path_of_lift(options: ShowOptions) -> Path:
-    """Return the recording of the chosen lift of a session, else the given path. Raises `InputError`."""
-    from rig.report.session import find_lift
-    from rig.sessions.manifest import TrialManifest, is_session, read_manifest_of
-
-    path = options.stored
-    if is_session(path):
-        manifest = read_manifest_of(path, TrialManifest, "only trials have lifts")
-        return path / find_lift(path, manifest, options.lift).recording
-    if options.lift is not None:
-        raise InputError(f"{path} is not a session: leave --lift out")
-    return path
+        shown, simulated = [run.of_series(series)], series.simulated
+    for one in shown:
+        report_estimate(f"{mark(simulated)}{one.name}", one, run)
+    begin_phase("drawing the frames")
+    history = stored_history(shown, lift_ns, path)
+    end_phase()
+    return f"{mark(simulated)}{path}", history, [one.faults for one in shown if one.faults]

@@ -103,7 +103,12 @@ class LiveFingertip:
             stack.callback(stopping.set)
             thread.start()
             with self._changed:
-                self._changed.wait_for(lambda: self._newest.failure or self._is_ready(sensor))
+                self._changed.wait_for(
+                    lambda: (
+                        self._newest.failure
+                        or (self._newest.frame and (sensor is None or sensor.background.image is not None))
+                    )
+                )
                 if self._newest.failure is not None:
                     raise self._newest.failure
             self._opened = stack.pop_all()
@@ -156,9 +161,6 @@ class LiveFingertip:
         if self._newest.failure is not None:
             raise self._newest.failure
 
-    def _is_ready(self, sensor: DeskSensor | None) -> bool:
-        return self._newest.frame is not None and (sensor is None or sensor.background.image is not None)
-
     def _work(self, streams: Streams, sensor: DeskSensor | None, stopping: threading.Event) -> None:
         """Read frames, and estimate each, until stopped or the sensor fails; runs in a separate thread."""
         while not stopping.is_set() and not streams.has_ended:
@@ -170,18 +172,20 @@ class LiveFingertip:
                 self._set(failure=frame)
                 continue
             self._set(frame=frame, unread=True, failure=None)
-            if sensor is None:
-                continue
-            try:
-                sample = sensor.take(frame, self._clock).sample
-            except RigError as error:
-                self._set(failure=error)
-                return
-            if sensor.news:
-                doubtful = sensor.background.doubt or (sample is not None and sample.state is State.FROZEN)
-                level = logging.WARNING if doubtful else logging.INFO
-                _log.log(level, "%s: %s", self.serial, sensor.news)
-            self._set(angle=sample or NO_ANGLE)
+            if sensor is not None:
+                try:
+                    self._set(angle=self._estimate(sensor, frame))
+                except RigError as error:
+                    self._set(failure=error)
+                    return
+
+    def _estimate(self, sensor: DeskSensor, frame: Frame) -> SlipSample:
+        """Return the angle in a frame, and log news about background and sensor. Raises `RigError`."""
+        sample = sensor.take(frame, self._clock).sample or NO_ANGLE
+        if sensor.news:
+            doubtful = sensor.background.doubt or sample.state is State.FROZEN
+            _log.log(logging.WARNING if doubtful else logging.INFO, "%s: %s", self.serial, sensor.news)
+        return sample
 
     def _set(self, **values: Any) -> None:
         """Change the newest values, and wake up those that wait for them."""

@@ -15,7 +15,6 @@ import pytest
 from rig.cli.show import ShowOptions, estimate_stored
 from rig.live.feed import OBJECT
 from rig.live.state import WITH_CONTACT
-from rig.live.stored_clip import stored_history
 from rig.sessions.manifest import TrialManifest, read_manifest_of
 from support.command_line import rig
 from support.desk_frames import desk_frames, write_desk_clip
@@ -47,9 +46,8 @@ def test_page_shows_the_clip_until_ctrl_c(tmp_path: Path) -> None:
 @pytest.mark.heavy
 def test_lift_of_a_session_is_opened_with_both_fingertips_and_the_object(one_lift: Path) -> None:
     manifest = read_manifest_of(one_lift, TrialManifest, "")
-    found = estimate_stored(ShowOptions(one_lift, lift="1"))
-    assert (found.path, found.simulated) == (one_lift / "lifts" / "001.mcap", True)
-    history = stored_history(found.series, found.lift_ns, found.path)
+    title, history, faults = estimate_stored(ShowOptions(one_lift, lift="1"))
+    assert (title, faults) == (f"SIMULATED {one_lift / 'lifts' / '001.mcap'}", [])
     assert set(history.sensors) == {*manifest.signs, OBJECT}
     for serial in manifest.signs:
         sensor = history.sensors[serial]

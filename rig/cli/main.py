@@ -31,12 +31,11 @@ COMMANDS = {
         "play": "Make a film of a lift or of your own frames, with contact, axes and the angle over time.",
         "compare": "Compare two trials, or two estimators on one trial, by paired differences with "
         "intervals.",
-        "results": "Summarize a results table: MARE with intervals, agreement with stored lifts, broken "
-        "sessions.",
         "export": "Export a session to a format that other tools open. The session itself is not changed.",
     },
     "Own images": {
         "live": "Show the angle of one or two tactile sensors live, in the browser, as text or as JSON.",
+        "show": "Show a stored clip, ROS bag or lift as a whole, on a page with a slider.",
         "estimate": "Estimate the rotation of the contact in tactile images, in a table with a row per "
         "frame.",
         "explain": "Draw how the estimator slip finds an angle, on the two frames with the largest "

@@ -10,7 +10,8 @@ from typing import Protocol
 
 import numpy as np
 
-from drivers.errors import FormatError, InputError, counted
+from calibration.store import load
+from drivers.errors import CalibrationError, FormatError, InputError, counted
 from drivers.progress import steps
 from drivers.types import ArmState, Image
 from rig.frames.of_session import SessionSeries
@@ -244,6 +245,18 @@ def rows(estimate: Estimate, mm_per_px: tuple[float, float] | None = None) -> li
             x, y = shift_mm(sample.shift_px, mm_per_px)
             found[-1] |= {"shift_x_mm": x, "shift_y_mm": y}
     return found
+
+
+def read_scale(path: Path) -> tuple[float, float]:
+    """Read mm per pixel along x and y from a file of `rig calibrate tactile`. Raises `CalibrationError`."""
+    value = load(path, "tactile").value
+    try:
+        across, along = (float(v) for v in value["mm_per_px"])
+    except (KeyError, TypeError, ValueError) as error:
+        raise CalibrationError(
+            f"{path}: holds no mm_per_px; press balls with rig calibrate tactile"
+        ) from error
+    return across, along
 
 
 def shift_mm(

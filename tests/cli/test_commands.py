@@ -17,7 +17,7 @@ from support.command_line import rig
 pytestmark = pytest.mark.usefixtures("quick_pages")
 ROOT = Path(__file__).resolve().parents[2]
 HEAVY = {
-    "cv2", "numpy", "scipy", "onnxruntime", "skimage", "rtde_control", "pymodbus", "mcap", "pyarrow", "rerun",
+    "cv2", "numpy", "scipy", "onnxruntime", "skimage", "rtde_control", "pymodbus", "mcap", "pyarrow",
     "distributed",
 }  # fmt: skip
 

@@ -163,7 +163,7 @@ def test_own_estimator_answers_a_folder_of_frames(clip: Path) -> None:
     assert failing.returncode == 2
     assert "rig: done, but the estimator failed on 1 frame" in failing.stderr
     assert failing.stdout.count("\n") == done[0].stdout.count("\n")
-    live = rig("live", *frames, "--terminal", "--estimator", FAILING)
+    live = rig("live", "fake", "--terminal", "--seconds", "2", "--estimator", FAILING)
     assert live.returncode == 2
     assert "the estimator failed; the state is then 'lost'" in live.stderr
     assert 'line 53: raise ValueError("no gradient today"))' in live.stderr.splitlines()[-1]

@@ -4,7 +4,8 @@ On a bench poses are chosen and visited, the samples are stored as files, and th
 """
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from itertools import product
 from pathlib import Path
 
 import cv2
@@ -16,9 +17,11 @@ from calibration.camera.model import CameraModel
 from calibration.hand_eye.pose_pairs import PoseSample, calibrate_pose_pairs
 from calibration.hand_eye.refine import LEAST_GAP, LEAST_RATIO, LEAST_TURN_DEG
 from calibration.hand_eye.solve import HandEyeResult, HandEyeSample, Setup, calibrate_hand_eye, next_pose
-from calibration.targets.boards import Target, View
+from calibration.poses import pose_from_quaternion
+from calibration.store import read_yaml
+from calibration.targets.boards import Target, View, parse_target
 from calibration.verdict import Rejected
-from drivers.errors import InputError, counted
+from drivers.errors import CalibrationError, InputError, counted
 from drivers.images import read_image
 from drivers.types import Pose
 from protocols.capture_hand_eye import SPEED_M_S, HandEyeCapture, capture_hand_eye
@@ -27,9 +30,20 @@ from rig.bench.assembly import TOOL_DOWN
 from rig.calibrate import figures
 from rig.calibrate.bench import Station, visits
 from rig.calibrate.figures import Picture, thumbnails
+from rig.calibrate.kind import (
+    CameraFile,
+    Differences,
+    Kind,
+    PosesOption,
+    Samples,
+    SerialOption,
+    TargetOption,
+    distance_mm,
+)
 from rig.calibrate.result import CalibrationResult
 from rig.calibrate.samples import picture_files, pose_row, read_poses, write_picture, write_poses
 from rig.config import BenchConfig
+from rig.declared import option
 
 FRAMES = {Setup.EYE_TO_HAND: ("base", "camera", "tcp"), Setup.EYE_IN_HAND: ("tcp", "camera", "base")}
 """Parent and child frame of the answer, and the parent of the target, by setup."""
@@ -40,6 +54,8 @@ _NOISE = ("robot_turn_rad", "robot_m", "tilt_rad", "turn_rad", "across_m", "dept
 """Of the robot's poses, then of the target's."""
 _ORDER = "rotation vector about the child's axes (rad), translation in the parent (m)"
 _CANDIDATES = 60
+_WORKSPACE_M = 0.15
+"""Half the side of the cube around the target in which two answers are compared."""
 _MOUNTED = {
     Setup.EYE_TO_HAND: ("tool", "on the tool, facing the camera"),
     Setup.EYE_IN_HAND: (
@@ -49,20 +65,49 @@ _MOUNTED = {
 }
 
 
-def hand_eye_from_folder(
-    folder: Path, target: Target, camera_file: Path | None, serial: str, setup: Setup
-) -> CalibrationResult:
+@dataclass(frozen=True)
+class HandEyeOptions:
+    """Calibrate the pose of the camera: base_T_camera if it is fixed, tcp_T_camera if it is on the tool.
+
+    On a bench the arm visits --poses poses. Each is chosen to reduce the uncertainty most, and each picture
+    is taken at rest. For eye-to-hand, fix the target rigidly to the tool. For eye-in-hand, put the target on
+    the mark of the table; the camera on the tool looks past the fingers. The intrinsics are read from
+    calibrations/ if they are there.
+
+    The folder of --from holds pictures <id>.png (or .jpg ...) and poses.csv. Its columns are id, x_m, y_m,
+    z_m and qx, qy, qz, qw (or rx_rad, ry_rad, rz_rad, as a UR shows them), the pose base_T_tcp of each
+    picture. Pictures and poses are paired by id, not by order. The resulting quaternion is in the order xyzw.
+
+    The folder may hold targets.csv instead of pictures: the poses camera_T_target that another detector
+    found, in the same columns. Then --camera is not needed. The noise of arm and detector is estimated from
+    the pairs of poses.
+
+    Examples:
+      rig calibrate hand-eye --from samples --camera camera.yaml --target marker:60:DICT_4X4_50:0
+      rig calibrate hand-eye --bench fake --poses 15
+      rig calibrate hand-eye --bench fake --setup eye-in-hand
+    """
+
+    target: TargetOption = "marker:60:DICT_4X4_50:0"
+    camera_file: CameraFile = None
+    setup: Setup = option(Setup.EYE_TO_HAND, "Fixed camera, or camera on the tool.")
+    serial: SerialOption = "unknown"
+    poses: PosesOption = 20
+
+
+def solve_hand_eye(samples: Samples, options: HandEyeOptions) -> CalibrationResult:
     """Solve from pictures of a target, or from its poses if the folder holds them.
 
     Pictures `<id>.png` are paired with the rows of poses.csv by id. Raises `InputError`.
     """
+    folder, serial, target = samples.folder, options.serial, parse_target(options.target)
     if (folder / TARGETS).is_file():
-        return _from_poses(folder, serial, setup)
-    if camera_file is None:
+        return _solve_poses(folder, serial, options.setup)
+    if options.camera_file is None:
         raise InputError("hand-eye needs the camera's intrinsics: give --camera FILE (rig calibrate camera)")
-    camera = read_camera(camera_file, None if serial == "unknown" else serial)
+    camera = read_camera(options.camera_file, None if serial == "unknown" else serial)
     poses, rejected = read_poses(folder / "poses.csv", "tcp")
-    samples: list[HandEyeSample] = []
+    paired: list[HandEyeSample] = []
     pictures: dict[str, Path] = {}
     views: dict[str, View | str] = {}
     for path in picture_files(folder):
@@ -76,13 +121,13 @@ def hand_eye_from_folder(
         if isinstance(view, str):
             rejected.append(Rejected(name, view))
         else:
-            samples.append(HandEyeSample(name, poses[name], view))
+            paired.append(HandEyeSample(name, poses[name], view))
     rejected += [Rejected(name, "no picture of this id") for name in poses.keys() - pictures.keys()]
-    result = _solved(samples, rejected, folder, target, camera, serial, setup)
+    result = _solve_views(paired, rejected, folder, camera, options)
     return replace(result, thumbnails=thumbnails(result.rejected, pictures, views))
 
 
-def _from_poses(folder: Path, serial: str, setup: Setup) -> CalibrationResult:
+def _solve_poses(folder: Path, serial: str, setup: Setup) -> CalibrationResult:
     """Pair `poses.csv` (base_T_tcp) and `targets.csv` (camera_T_target) by id, and solve."""
     files = [folder / "poses.csv", folder / TARGETS]
     (robot, rejected), (seen, also) = read_poses(files[0], "tcp"), read_poses(files[1])
@@ -92,25 +137,30 @@ def _from_poses(folder: Path, serial: str, setup: Setup) -> CalibrationResult:
     found = calibrate_pose_pairs(
         [PoseSample(name, robot[name], seen[name]) for name in robot if name in seen], setup
     )
-    return _filed(found, serial, folder, rejected, robot, files)
+    return _result(found, serial, folder, rejected, robot, files)
 
 
-def _solved(
-    samples: Sequence[HandEyeSample], rejected: Sequence[Rejected], folder: Path, target: Target,
-    camera: CameraModel, serial: str, setup: Setup,
-) -> CalibrationResult:  # fmt: skip
-    """Solve, and make the figures of the page. folder: of the pictures and poses.csv."""
-    found = calibrate_hand_eye(samples, camera, setup)
+def _solve_views(
+    samples: Sequence[HandEyeSample],
+    rejected: Sequence[Rejected],
+    folder: Path,
+    camera: CameraModel,
+    options: HandEyeOptions,
+) -> CalibrationResult:
+    """Solve, and draw the figures of the page. folder: of the pictures and poses.csv."""
+    found = calibrate_hand_eye(samples, camera, options.setup)
     robot = {sample.id: sample.base_T_tcp for sample in samples}
     pictures = picture_files(folder)
     by_id = {path.stem: path for path in pictures}
-    shown = _pictures(found, [sample.view for sample in samples], camera, by_id)
-    return _filed(found, serial, folder, rejected, robot, [*pictures, folder / "poses.csv"], target, shown)
+    drawn = _pictures(found, [sample.view for sample in samples], camera, by_id)
+    files = [*pictures, folder / "poses.csv"]
+    seen = parse_target(options.target).spec
+    return _result(found, options.serial, folder, rejected, robot, files, seen, drawn)
 
 
-def _filed(
+def _result(
     found: HandEyeResult, serial: str, folder: Path, rejected: Sequence[Rejected], robot: Mapping[str, Pose],
-    files: Sequence[Path], seen: Target | None = None, pictures: Sequence[Picture] = (),
+    files: Sequence[Path], seen: str = "", pictures: Sequence[Picture] = (),
 ) -> CalibrationResult:  # fmt: skip
     """Return the calibration with all poses in 3D. robot: base_T_tcp by sample. seen: as in `_figures`."""
     setup, pose, target = found.setup, found.pose, found.target
@@ -145,11 +195,11 @@ def _transform(parent: str, child: str, pose: Pose) -> dict[str, object]:
     }
 
 
-def _figures(result: HandEyeResult, seen: Target | None) -> tuple[dict[str, object], dict[str, str]]:
-    """Return quality and numbers of an answer. seen: the target in the pictures; None for pairs of poses."""
+def _figures(result: HandEyeResult, seen: str) -> tuple[dict[str, object], dict[str, str]]:
+    """Return quality and numbers of an answer. seen: the target in the pictures; "" for pairs of poses."""
     motion, (parent, child, _) = result.motion, FRAMES[result.setup]
-    quality: dict[str, object] = {} if seen is None else {"target": seen.spec}
-    if motion is not None and seen is not None:
+    quality: dict[str, object] = {"target": seen} if seen else {}
+    if motion is not None and seen:
         quality["observability"] = {
             "max_angle_deg": motion.max_angle_deg,
             "translation_ratio": motion.translation_ratio,
@@ -160,7 +210,7 @@ def _figures(result: HandEyeResult, seen: Target | None) -> tuple[dict[str, obje
     quality |= {"covariance_order": _ORDER, "covariance": result.covariance}
     sigma = np.sqrt(np.diag(result.covariance))
     numbers = {
-        "position" if seen is None else f"{parent}_T_{child}, position": (
+        "position" if not seen else f"{parent}_T_{child}, position": (
             f"{_axes(result.pose.position_m, 5)} m"
         ),
         "orientation, quaternion x, y, z, w": ", ".join(f"{v:.6f}" for v in result.pose.quaternion_xyzw),
@@ -233,22 +283,22 @@ def _pictures(
     return pictures
 
 
-def collect_hand_eye(station: Station, target: Target, setup: Setup, count: int) -> CalibrationResult:
-    """Visit `count` poses on a bench and solve. Raw pictures and poses.csv stay beside the result.
+def collect_hand_eye(station: Station, options: HandEyeOptions) -> list[CalibrationResult]:
+    """Visit poses on a bench and solve. Raw pictures and poses.csv stay beside the result.
 
     The target is firm on the tool (eye-to-hand), or firm on the bench with the camera on the tool
     (eye-in-hand). Raises `OperatorStopError` unless the operator agrees to the motion,
     `DeviceError`, `InputError`.
     """
-    config = station.config
-    mount, where = _MOUNTED[setup]
+    config, target = station.config, parse_target(options.target)
+    mount, where = _MOUNTED[options.setup]
     poses = facing_poses(config, station.seed) if mount == "tool" else looking_poses(config, station.seed)
     camera = station.camera()
-    session = _Session(target, camera, setup, poses, count, station)
+    session = _Session(target, camera, options.setup, poses, options.poses, station)
     around = config.camera.look_at_m if mount == "tool" else config.table.position_m
     with station.connected(
-        f"The arm will visit {counted(count, 'pose')} around {around} m at up to {SPEED_M_S} m/s, tilted by "
-        f"up to 35 degrees, with the target {target.spec} {where}; it chooses from these "
+        f"The arm will visit {counted(options.poses, 'pose')} around {around} m at up to {SPEED_M_S} m/s, "
+        f"tilted by up to 35 degrees, with the target {target.spec} {where}; it chooses from these "
         "places, and leaves out what would be refused.",
         motions=visits([(f"{i:03d}", pose) for i, pose in enumerate(poses, start=1)]),
     ) as (bench, operator):
@@ -256,10 +306,9 @@ def collect_hand_eye(station: Station, target: Target, setup: Setup, count: int)
         operator.place(f"{target.spec}@{mount}", f"target {target.spec}, firm {where}")
         capture_hand_eye(bench, session.next, session.keep, session.skip)
     write_poses(session.raw, session.rows, "tcp")
-    result = _solved(
-        session.samples, session.rejected, session.raw, target, camera, config.camera.serial, setup
-    )
-    return result.marked(config.simulated)
+    of_bench = replace(options, serial=config.camera.serial)
+    result = _solve_views(session.samples, session.rejected, session.raw, camera, of_bench)
+    return [replace(result, simulated=config.simulated)]
 
 
 def facing_poses(
@@ -335,4 +384,32 @@ class _Session:
 
     def skip(self, name: str, reason: str) -> None:
         self.rejected.append(Rejected(name, reason))
-        self._station.left_out(name, reason)
+        self._station.leave_out(name, reason)
+
+
+def compare_hand_eye(one_file: Path, other_file: Path) -> Differences:
+    """Compare the positions that the two answers give to points in the workspace.
+
+    Raises `CalibrationError` for a fixed camera and one on the tool.
+    """
+    one, other = read_yaml(one_file), read_yaml(other_file)
+    if one.get("setup") != other.get("setup"):
+        raise CalibrationError(
+            f"one is {one.get('setup')}, the other {other.get('setup')}: nothing to compare"
+        )
+    nodes = [one, other, *([one["target"]] if one.get("setup") == "eye-in-hand" else [])]
+    x, y, *target = (
+        pose_from_quaternion(node["translation_m"], node["quaternion_xyzw"], "calibration file")
+        for node in nodes
+    )
+    ahead = (x.inverse() @ target[0]).position_m if target else (0.0, 0.0, 0.7)
+    corners = ahead + _WORKSPACE_M * np.array(list(product((-1, 1), repeat=3)))
+    apart = x.rotation.apply(corners) + x.position_m - (y.rotation.apply(corners) + y.position_m)
+    return {
+        "turn_deg": round(float(np.degrees((x.rotation.inv() * y.rotation).magnitude())), 4),
+        "move_mm": distance_mm(one, other),
+        "worst_in_workspace_mm": round(1e3 * float(np.linalg.norm(apart, axis=1).max()), 3),
+    }
+
+
+HAND_EYE = Kind("hand-eye", HandEyeOptions, "poses", solve_hand_eye, collect_hand_eye, compare_hand_eye)

@@ -42,9 +42,6 @@ class CalibrationResult(CalibrationFile):
     def about(self) -> str:
         return ", ".join(f"{role} {serial}" for role, serial in self.serials.items())
 
-    def marked(self, simulated: bool) -> "CalibrationResult":
-        return replace(self, simulated=simulated)
-
 
 def file_result(result: CalibrationResult, folder: Path) -> dict[str, Any]:
     """Write file and page into a folder; return the figures for `--json`, with the paths "file" and "page".

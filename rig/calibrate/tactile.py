@@ -4,7 +4,7 @@ On a bench the fingers press balls of known diameter, or the fingertips take fra
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import cv2
@@ -23,10 +23,13 @@ from protocols.capture_touch import Touch, capture_presses
 from rig.calibrate import figures
 from rig.calibrate.bench import Station, TouchObserver, grasp_at, touch_motions
 from rig.calibrate.figures import Picture, thumbnails
+from rig.calibrate.kind import Kind, Samples, SerialOption
 from rig.calibrate.press_folder import PressFolder, read_press_folder
 from rig.calibrate.result import CalibrationResult
 from rig.calibrate.samples import write_picture, write_table
 from rig.config import BenchConfig
+from rig.config.parts import require_parts
+from rig.declared import option
 
 NOMINAL_MM_PER_PX = (0.060, 0.060)
 """Scale of a DIGIT at 240 x 320 px. Lengths in mm depend on it; the radius of a ball does not."""
@@ -46,22 +49,59 @@ _GOLDEN = (5.0**0.5 - 1.0) / 2.0
 _CATALOG = "image,diameter(mm),x_mm,y_mm,background"
 
 
-def tactile_from_folder(
-    folder: Path,
-    serial: str,
-    mm_per_px: tuple[float, float] | None,
-    ball_mm: float | None = None,
-    background: Path | None = None,
-    circles: Path | None = None,
-    untouched: Path | None = None,
-) -> CalibrationResult:
+@dataclass(frozen=True)
+class TactileOptions:
+    """Calibrate a gel's scale and its map from colour to surface slope, from presses of balls.
+
+    On a bench with --ball-mm the fingers press each ball at many places of both gels. The scale in mm per px
+    is found from the steps of the arm. Without --ball-mm nothing moves: a frame of each fingertip without
+    contact is stored as its reference, and compared with the previous reference (LEDs, gel, drift).
+
+    The folder of --from holds background.png (without contact), catalog.csv and the pictures that it lists.
+    Its columns are image and diameter(mm). Optional columns are x_mm and y_mm (position of the ball, to the
+    right and down in the picture, from which the scale is found), and background (a picture without contact
+    for this row). The balls are detected in the pictures. Without catalog.csv, --ball-mm is the diameter
+    of the ball in all pictures.
+
+    The look of the sensor is stored beside the file, in tactile-SERIAL.npz: its colours by slope and place,
+    background, noise and JPEG quality. The key tactile.look of a bench file simulates a gel with it.
+
+    Examples:
+      rig calibrate tactile --from presses --ball-mm 8.8 --background bg.png --serial D20641
+      rig calibrate tactile --bench fake
+      rig calibrate tactile --bench fake --ball-mm 5 --ball-mm 9.5
+      rig calibrate tactile --from gelsight_ball --mm-per-px 0.0634 0.0634 --serial GS1
+    """
+
+    balls_mm: list[float] | None = option(
+        None, "On a bench: diameter of a ball to press, in mm; repeat for a second size.", "--ball-mm"
+    )
+    presses: int = option(16, "Number of presses of each ball.", min=8, max=100)
+    mm_per_px: tuple[float, float] | None = option(
+        None, "With --from: scale along x and y in mm per px, if known."
+    )
+    serial: SerialOption = "unknown"
+    background: Path | None = option(None, "Picture without contact. Default: background.png of the folder.")
+    circles: Path | None = option(
+        None,
+        "CSV of hand-drawn circles: frame, center_x, center_y, radius (px). Default: circles.csv.",
+    )
+    untouched: Path | None = option(
+        None, "Folder of at least 8 frames without contact, for noise and background. Default: the presses'."
+    )
+
+
+def solve_tactile(samples: Samples, options: TactileOptions) -> CalibrationResult:
     """Fit a gel's scale, colour map and look to a folder of presses, as `read_press_folder` reads it.
 
-    mm_per_px: along x and y if known; else it is fitted to the known moves of the presses (columns x_mm,
-    y_mm), or that of a DIGIT, reported as a doubt. If the colour map fails its test, only the fitted scale is
-    kept.
+    The scale, if not given, is fitted to the known moves of the presses (columns x_mm, y_mm), or is that of a
+    DIGIT, reported as a doubt. If the colour map fails its test, only the fitted scale is kept.
     """
-    presses = read_press_folder(folder, ball_mm, background, circles, untouched)
+    folder, serial, mm_per_px = samples.folder, options.serial, options.mm_per_px
+    ball_mm, *more_mm = options.balls_mm or [None]
+    if more_mm:
+        raise InputError("--ball-mm was given twice: name each picture's ball in catalog.csv instead")
+    presses = read_press_folder(folder, ball_mm, options.background, options.circles, options.untouched)
     result = CalibrationResult(
         "tactile", {"tactile": serial}, {}, Assessment(), source=str(folder), rejected=presses.rejected,
         files=presses.files,
@@ -278,12 +318,13 @@ def _pictures(fit: BallFit, presses: PressFolder, scale: GelScale | None) -> lis
     ]
 
 
-def collect_tactile(station: Station, balls_mm: Sequence[float], count: int) -> list[CalibrationResult]:
-    """Press balls, each `count` times; without balls take frames at rest.
+def collect_tactile(station: Station, options: TactileOptions) -> list[CalibrationResult]:
+    """Press balls several times each; without balls take frames at rest.
 
     Raises as `collect_presses` and `collect_references` do.
     """
-    return collect_presses(station, balls_mm, count) if balls_mm else collect_references(station)
+    balls_mm = options.balls_mm
+    return collect_presses(station, balls_mm, options.presses) if balls_mm else collect_references(station)
 
 
 def collect_references(station: Station) -> list[CalibrationResult]:
@@ -293,7 +334,8 @@ def collect_references(station: Station) -> list[CalibrationResult]:
     Raises `DeviceError`, `CalibrationError` for a sensor that is touched, dark or frozen.
     """
     results = []
-    with station.connected("Nothing moves; the fingertips take frames without contact.") as (bench, _):
+    introduction = "Nothing moves; the fingertips take frames without contact."
+    with station.connected(introduction, asks=False) as (bench, _):
         for tip in bench.fingertips:
             frames = [frame.image for frame in capture_still(bench, tip.sensor, _FRAMES, station.show)]
             serial = tip.sensor.serial
@@ -310,7 +352,8 @@ def collect_presses(station: Station, balls_mm: Sequence[float], count: int) -> 
     ruler. Raises `InputError` for balls the fingers cannot take, `OperatorStopError`, `DeviceError`.
     """
     config = station.config
-    if not balls_mm or min(balls_mm) < 2.0 or max(balls_mm) > 30.0:
+    require_parts(config, "rig calibrate tactile --ball-mm")
+    if min(balls_mm) < 2.0 or max(balls_mm) > 30.0:
         raise InputError(
             f"balls of {list(balls_mm)} mm: diameters of 2 to 30 mm make a print of a gel's size"
         )
@@ -344,7 +387,7 @@ def collect_presses(station: Station, balls_mm: Sequence[float], count: int) -> 
     for serial, folder in folders.items():
         write_table(folder / "catalog.csv", _CATALOG, rows[serial])
     return [
-        tactile_from_folder(folder, serial, None).marked(config.simulated)
+        replace(solve_tactile(Samples(folder), TactileOptions(serial=serial)), simulated=config.simulated)
         for serial, folder in folders.items()
     ]
 
@@ -397,3 +440,6 @@ def _reference_result(reference: Reference, serial: str, folder: Path, simulated
         files=[path] if path.exists() else [], simulated=simulated, part="reference",
         pictures=[figures.image("Reference", "The mean of the frames.", mean)],
     )  # fmt: skip
+
+
+TACTILE = Kind("tactile", TactileOptions, "samples", solve_tactile, collect_tactile)

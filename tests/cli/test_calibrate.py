@@ -29,7 +29,8 @@ def calibrate(*arguments: object) -> "subprocess.CompletedProcess[str]":
 def figures(*arguments: object) -> dict:
     done = calibrate(*arguments, "--json")
     assert done.returncode == 0, done.stderr
-    return json.loads(done.stdout)
+    results = json.loads(done.stdout)
+    return results["calibrations"][0] if len(results.get("calibrations", ())) == 1 else results
 
 
 def page_is_whole(page: str, pictures: int) -> None:

@@ -7,10 +7,10 @@ import PIL.Image as Pillow
 import pytest
 
 from calibration.store import load
-from calibration.targets.boards import parse_target
 from calibration.verdict import Assessment
 from drivers.errors import CalibrationError
-from rig.calibrate.camera import camera_from_folder
+from rig.calibrate.camera import CameraOptions, solve_camera
+from rig.calibrate.kind import Samples
 from rig.calibrate.result import CalibrationResult, file_result
 
 
@@ -20,7 +20,7 @@ def test_picture_with_another_orientation_than_the_others_is_left_out(tmp_path: 
         if orientation is not None:
             facts[0x0112] = orientation
         Pillow.fromarray(np.full((48, 64), 200, np.uint8)).save(tmp_path / name, exif=facts)
-    result = camera_from_folder(tmp_path, "*", parse_target("chessboard:6x4:25"), "C1", keep_all=False)
+    result = solve_camera(Samples(tmp_path), CameraOptions(target="chessboard:6x4:25"))
     assert [each.reason for each in result.rejected if "EXIF" in each.reason] == [
         "EXIF orientation 3 differs from the others' 1: keep one orientation"
     ]

@@ -38,9 +38,9 @@ from protocols.grasps import find_grasp_file
 from protocols.readiness import agree_to_carry
 from rig.bench.assembly import TOOL_DOWN
 from rig.bench.twins import refuse_undrawn
-from rig.calibrate import figures
+from rig.calibrate import charts
 from rig.calibrate.bench import Station, visits
-from rig.calibrate.figures import Picture, thumbnails
+from rig.calibrate.charts import Picture, thumbnails
 from rig.calibrate.kind import (
     CameraFile,
     Differences,
@@ -52,7 +52,7 @@ from rig.calibrate.kind import (
     SerialOption,
     TargetOption,
 )
-from rig.calibrate.result import CalibrationResult
+from rig.calibrate.result import CalibrationResult, Figure
 from rig.calibrate.samples import picture_files, write_picture
 from rig.config import BenchConfig
 from rig.config.fields import ArmLimitsConfig
@@ -118,13 +118,11 @@ def solve_camera(samples: Samples, options: CameraOptions) -> CalibrationResult:
         )
     rejected = [*rejected, *fit.rejected]
     projected_px = projection_sigma_px(fit)
-    quality, numbers = _figures(fit, target, projected_px)
     return replace(
         read,
         assessment=assess_camera(fit),
-        value=camera_info(fit.fit.camera, serial),
-        quality=quality,
-        numbers=numbers,
+        layout=camera_info(fit.fit.camera, serial),
+        figures=_figures(fit, target, projected_px),
         used=len(fit.fit.views),
         rejected=rejected,
         pictures=_pictures(fit, projected_px, folder),
@@ -132,43 +130,37 @@ def solve_camera(samples: Samples, options: CameraOptions) -> CalibrationResult:
     )
 
 
-def _figures(
-    result: CameraFit, target: Target, projected_px: figures.Array
-) -> tuple[dict[str, object], dict[str, str]]:
-    """Return quality and numbers of a camera. projected_px: see `projection_sigma_px`."""
+def _figures(result: CameraFit, target: Target, projected_px: charts.Array) -> list[Figure]:
+    """Return the figures of a camera. projected_px: see `projection_sigma_px`."""
     fit, matrix, sigma = result.fit, result.fit.camera.matrix, result.sigma
-    worst_px, (spread_deg, largest_deg) = float(projected_px.max()), board_tilts_deg(result)
-    quality: dict[str, object] = {
-        "target": target.spec,
-        "lens_model": fit.lens.name,
-        "terms": [TERMS[i] for i in fit.lens.free],
-        "sigma": sigma,
-        "covariance": result.covariance,
-        "fit_rms_px": fit.rms_px,
-        "held_out_rms_px": result.held_out_px,
-        "corner_noise_px": result.noise_px,
-        "projection_sigma_px": {"worst": worst_px},
-        "tilt_spread_deg": spread_deg,
-        "largest_tilt_deg": largest_deg,
-        "covered": covered(result),
-        "view_rms_px": _view_rms_px(result),
-    }
-    distortion = zip(TERMS[4:], fit.camera.distortion, strict=False)
-    return quality, {
-        "focal length": f"{matrix[0, 0]:.2f} ± {sigma[0]:.2f}, {matrix[1, 1]:.2f} ± {sigma[1]:.2f} px",
-        "principal point": f"{matrix[0, 2]:.2f} ± {sigma[2]:.2f}, {matrix[1, 2]:.2f} ± {sigma[3]:.2f} px",
-        "distortion": ", ".join(f"{name} {value:.5g}" for name, value in distortion),
-        "lens model": f"{fit.lens.name}, best of {', '.join(result.held_out_px)} on views held out",
-        "views held out are missed by": f"{result.held_out_rms_px:.3f} px (fitted: {fit.rms_px:.3f} px)",
-        "projection uncertain by": f"{np.median(projected_px):.2f} px (median), {worst_px:.2f} px at worst",
-    }
+    spread_deg, largest_deg = board_tilts_deg(result)
+    uncertain_px = {"median": float(np.median(projected_px)), "worst": float(projected_px.max())}
+    distortion = {name: float(value) for name, value in zip(TERMS[4:], fit.camera.distortion, strict=False)}
+    return [
+        Figure("", np.diag(matrix)[:2], "focal length", ".2f", "px", sigma=sigma[:2]),
+        Figure("", matrix[:2, 2], "principal point", ".2f", "px", sigma=sigma[2:4]),
+        Figure("", distortion, "distortion", ".5g"),
+        Figure("target", target.spec),
+        Figure("lens_model", fit.lens.name, "lens model, the best on views held out"),
+        Figure("terms", [TERMS[i] for i in fit.lens.free]),
+        Figure("sigma", sigma),
+        Figure("covariance", result.covariance),
+        Figure("fit_rms_px", fit.rms_px, "error of the views used", ".3f", "px"),
+        Figure("held_out_rms_px", result.held_out_px, "error of views held out, by lens model", ".3f", "px"),
+        Figure("corner_noise_px", result.noise_px),
+        Figure("projection_sigma_px", uncertain_px, "one sigma of a projected point", ".2f", "px"),
+        Figure("tilt_spread_deg", spread_deg),
+        Figure("largest_tilt_deg", largest_deg),
+        Figure("covered", covered(result)),
+        Figure("view_rms_px", _view_rms_px(result)),
+    ]
 
 
 def _view_rms_px(result: CameraFit) -> dict[str, float]:
     return {v.id: float(e) for v, e in zip(result.fit.views, result.fit.view_rms_px, strict=True)}
 
 
-def _pictures(result: CameraFit, projected_px: figures.Array, folder: Path) -> list[Picture]:
+def _pictures(result: CameraFit, projected_px: charts.Array, folder: Path) -> list[Picture]:
     fit, size = result.fit, result.fit.camera.size
     points = np.vstack([view.image_px for view in fit.views])
     fitted, boards = [], []
@@ -181,35 +173,35 @@ def _pictures(result: CameraFit, projected_px: figures.Array, folder: Path) -> l
     worst = int(np.argmax(fit.view_rms_px))
     shown = fit.views[worst]
     return [
-        figures.poses(
+        charts.poses(
             "The board in each view, in the camera's frame. The longest axis is z, the line of sight.",
             {"board": boards, "camera": [Pose((0.0, 0.0, 0.0))]},
         ),
-        figures.residuals(
+        charts.residuals(
             "Residuals of the worst view",
             f"{shown.id}: each arrow points from a corner projected with the calibrated camera to the "
             "detected one.",
             fitted[worst], shown.image_px - fitted[worst], size, read_image(folder / shown.id, grey=True),
         ),
-        figures.residuals(
+        charts.residuals(
             "Residuals of all views",
             "Noise points anywhere; arrows that agree show a lens that the model does not follow.",
             projected, points - projected, size,
         ),
-        figures.field(
+        charts.field(
             "Uncertainty over the picture",
             "One sigma of where a distant point is projected, the best turn of the camera taken out; dots: "
             "corners seen.",
             projected_px, size, "one sigma, px", points,
         ),
-        figures.field(
+        charts.field(
             "Coverage", "Corners per cell of the picture.", coverage(fit.views), size, "corners", points
         ),
-        figures.bars(
+        charts.bars(
             "Error per view", "Rms residual of each view used. Dashed: three times the median.",
             _view_rms_px(result), "rms, px", limit,
         ),
-        figures.bars(
+        charts.bars(
             "Lens models",
             "Rms residual of views held out: the simplest model within 1 % of the best is taken.",
             by_lens, "rms, px",
@@ -252,45 +244,44 @@ def _assess_pictures(folder: Path, options: MarkersOptions, camera: CameraModel 
     report = assess_markers(pictures, MarkerAngle(tracker, camera))
     plane = report.plane
     turn_sigma_deg = float(np.hypot(report.plane_sigma_deg, report.camera_sigma_deg))
-    tilt = "unknown without intrinsics" if plane.tilt_deg is None else f"{plane.tilt_deg:.1f} degrees"
-    numbers = {
-        "side": f"{plane.side_px:.1f} px",
-        "tilt to the camera": tilt,
-        "angle at rest, one sigma": f"{report.sigma_deg:.4f} degrees",
-        f"a turn of {TURN_DEG:.0f} degrees, one sigma": f"{turn_sigma_deg:.4f} degrees, "
-        f"{report.camera_sigma_deg:.4f} of it by the camera",
-        "drift": f"{report.drift_deg:+.4f} degrees",
-    }
-    if report.refused:
-        reasons = (f"{count} ({reason})" for reason, count in report.refused.items())
-        numbers["pictures without an angle"] = ", ".join(reasons)
+    of_turn = f"a turn of {TURN_DEG:.0f} degrees"
+    tilt = Figure("tilt_deg", plane.tilt_deg, "tilt to the camera", ".1f", "degrees", top=True)
+    if plane.tilt_deg is None:
+        tilt = Figure("", "unknown without intrinsics (--camera)", tilt.label)
+    figures = [
+        Figure("side_px", plane.side_px, "side", ".1f", "px", top=True),
+        tilt,
+        Figure("angle_sigma_deg", report.sigma_deg, "angle at rest, one sigma", ".4f", "degrees", top=True),
+        Figure("turn_sigma_deg", turn_sigma_deg, f"{of_turn}, one sigma", ".4f", "degrees", top=True),
+        Figure(
+            "turn_sigma_camera_deg",
+            report.camera_sigma_deg,
+            f"{of_turn}, due to the camera",
+            ".4f",
+            "degrees",
+        ),
+        Figure("square_fit_px", plane.fit_px),
+        Figure("drift_deg", report.drift_deg, "drift", "+.4f", "degrees"),
+        Figure("refused_pictures", report.refused, "pictures without an angle"),
+    ]
     places = np.arange(float(len(report.rest_deg)))
     mean = np.broadcast_to(plane.corners_px, report.corners_px.shape)
-    value = {
-        "dictionary": options.dictionary, "ids": options.ids,
-        "side_px": plane.side_px, "tilt_deg": plane.tilt_deg,
-        "angle_sigma_deg": report.sigma_deg, "turn_sigma_deg": turn_sigma_deg,
-    }  # fmt: skip
-    quality = {
-        "square_fit_px": plane.fit_px, "drift_deg": report.drift_deg,
-        "turn_sigma_camera_deg": report.camera_sigma_deg, "refused_pictures": report.refused,
-    }  # fmt: skip
     shown = [
-        figures.residuals(
+        charts.residuals(
             "Corners at rest",
             "Each arrow points from a corner's mean over the first half of the pictures to its place in one "
             "of the others. Scattered arrows are noise; arrows that agree show a marker that moved.",
             mean.reshape(-1, 2), (report.corners_px - mean).reshape(-1, 2), pictures[0].shape[::-1],
             pictures[0],
         ),
-        figures.curves(
+        charts.curves(
             "Angle at rest", "It should scatter around zero, without a trend.",
             {"angle": (places, report.rest_deg)}, "picture", "angle, degrees",
         ),
     ]  # fmt: skip
     return CalibrationResult(
-        "markers", {"camera": options.serial}, value, report.assessment, source=str(folder), quality=quality,
-        numbers=numbers, used=len(files), files=files, pictures=shown,
+        "markers", {"camera": options.serial}, {"dictionary": options.dictionary, "ids": options.ids},
+        report.assessment, figures, source=str(folder), used=len(files), files=files, pictures=shown,
     )  # fmt: skip
 
 

@@ -24,10 +24,10 @@ from protocols.capture_touch import Stroke, Touch, capture_turning_by_hand, capt
 from protocols.grasps import find_grasp_file
 from protocols.observer import Phase
 from rig.bench.twins import refuse_undrawn
-from rig.calibrate import figures
+from rig.calibrate import charts
 from rig.calibrate.bench import Station, TouchObserver, grasp_at, touch_motions
 from rig.calibrate.kind import Differences, Kind, ObjectsFolder, Samples
-from rig.calibrate.result import CalibrationResult
+from rig.calibrate.result import CalibrationResult, Figure
 from rig.calibrate.samples import read_stream, write_table
 from rig.config import BenchConfig
 from rig.declared import option
@@ -79,36 +79,24 @@ def solve_sync(samples: Samples, options: SyncOptions) -> CalibrationResult:
     paths = [folder / f"{name}.csv" for name in (first, second)]
     one, other = (read_stream(path) for path in paths)
     found = time_offset(one, other, options.search)
-    quality = {
-        "sigma_s": found.sigma_s,
-        "drift_sigma_ppm": found.drift_sigma_ppm,
-        "explained": found.explained,
-    }
-    value, numbers, pictures = {}, {}, []
+    layout, pictures = {}, []
+    figures = [
+        Figure("add_to_stream_s", found.offset_s, "to add to the stream", ".3f", "ms", 1e3,
+               sigma=found.sigma_s, top=True),
+        Figure("explained", found.explained, "motion explained", ".1f", "%", 100.0),
+        Figure("drift_ppm", found.drift_ppm, "drift of the clocks, which the bench does not use", ".2f",
+               "ppm", sigma=found.drift_sigma_ppm, top=True),
+    ]  # fmt: skip
     if found.offset_s is not None:
-        value = {
-            "reference": first,
-            "stream": second,
-            "add_to_stream_s": found.offset_s,
-            "drift_ppm": found.drift_ppm,
-        }
-        numbers = {
-            "to add to the stream": f"{1e3 * found.offset_s:.3f} ± {1e3 * (found.sigma_s or 0.0):.3f} ms",
-            "motion explained": f"{found.explained:.1%}",
-        }
-        if found.drift_ppm is not None:
-            numbers["drift of the clocks"] = (
-                f"{found.drift_ppm:.2f} ± {found.drift_sigma_ppm:.2f} ppm; the bench uses the offset alone"
-            )
+        layout = {"reference": first, "stream": second}
         at_s, other_s = ((stream.time_ns - one.time_ns[0]) / NS_PER_S for stream in (one, other))
         moved = other_s + found.offset_s, (other.values - other.values.mean()) / (found.gain or 1.0)
         shown = {first: (at_s, one.values - one.values.mean()), f"{second}, moved": moved}
         text = "The second is shifted by the offset and scaled; both should coincide."
-        pictures = [figures.curves("Both streams", text, shown, "time, s", "value without its mean")]
+        pictures = [charts.curves("Both streams", text, shown, "time, s", "value without its mean")]
     return CalibrationResult(
-        "sync", {"reference": first, "stream": second}, value, found.assessment, source=str(folder),
-        quality={name: figure for name, figure in quality.items() if figure is not None},
-        numbers=numbers, used=found.used, files=paths, pictures=pictures,
+        "sync", {"reference": first, "stream": second}, layout, found.assessment, figures,
+        source=str(folder), used=found.used, files=paths, pictures=pictures,
     )  # fmt: skip
 
 

@@ -14,7 +14,6 @@ from scipy.spatial.transform import Rotation
 from calibration.gripper import (
     FEWEST,
     STEP_M,
-    Array,
     Direction,
     OpeningSample,
     calibrate_opening,
@@ -30,10 +29,10 @@ from protocols.capture_touch import Touch, capture_openings
 from protocols.readiness import agree_to_carry
 from rig.bench.assembly import TOOL_DOWN
 from rig.bench.plan import PlannedMotion
-from rig.calibrate import figures
+from rig.calibrate import charts
 from rig.calibrate.bench import Station, TouchObserver, grasp_at, touch_motions
 from rig.calibrate.kind import Differences, Kind, Samples, SerialOption, distance_mm
-from rig.calibrate.result import CalibrationResult
+from rig.calibrate.result import MM, CalibrationResult, Figure
 from rig.calibrate.samples import pose_row, read_poses, write_poses, write_table
 from rig.config.calibrations import LARGEST_TIP_M
 from rig.declared import option
@@ -87,12 +86,10 @@ def solve_openings(samples: Samples, options: GripperOptions) -> CalibrationResu
         measured.append(OpeningSample(f"line {line}", counts, opening_m, Direction(way)))
     result = calibrate_opening(measured, step_m)
     curves = {str(way): (counts, 1e3 * opening_m) for way, (counts, opening_m) in result.tables.items()}
-    numbers = {
+    ranges = {
         way: f"{counts[0]:g} to {counts[-1]:g} counts, {opening_mm[-1]:.1f} to {opening_mm[0]:.1f} mm"
         for way, (counts, opening_mm) in curves.items()
     }
-    if result.hysteresis_m is not None:
-        numbers["hysteresis"] = f"{1e3 * result.hysteresis_m:.2f} mm"
     text = (
         "As measured, monotone in each direction, not extrapolated. The bench uses that of closing fingers."
     )
@@ -101,10 +98,13 @@ def solve_openings(samples: Samples, options: GripperOptions) -> CalibrationResu
     return CalibrationResult(
         "gripper", {"gripper": options.serial},
         {"closing": dict(zip(("counts", "opening_m"), used, strict=True))} if used else {}, result.assessment,
-        quality={} if result.hysteresis_m is None else {"hysteresis_m": result.hysteresis_m},
-        source=str(samples.folder), numbers=numbers, used=len(measured) - len(result.rejected),
+        [
+            *(Figure("", text, f"table of {way} fingers") for way, text in ranges.items()),
+            Figure("hysteresis_m", result.hysteresis_m, "hysteresis", *MM),
+        ],
+        source=str(samples.folder), used=len(measured) - len(result.rejected),
         rejected=result.rejected, files=[path],
-        pictures=[figures.curves("Opening over counts", text, curves, *labels)] if curves else [],
+        pictures=[charts.curves("Opening over counts", text, curves, *labels)] if curves else [],
     )  # fmt: skip
 
 
@@ -187,24 +187,22 @@ def solve_tip(samples: Samples, options: TipOptions) -> CalibrationResult:
     flange_T_tcp = samples.bench and samples.bench.arm.flange_T_tcp()  # noqa: N806 - frame names keep their case
     poses, rejected = _flange_poses(path, flange_T_tcp)
     found = calibrate_pivot(list(poses.items()))
-    assessment, quality, value = found.assessment, {"cone_deg": found.cone_deg}, {}
-    numbers, pictures = {}, []
+    assessment, layout, pictures = found.assessment, {}, []
+    figures = []
     if found.tip_m is not None and found.covariance is not None:
-        sigma = np.sqrt(np.diag(found.covariance))
-        value = {"parent_frame": FLANGE, "child_frame": "tip", "translation_m": found.tip_m}
-        quality |= {"covariance": found.covariance, "sigma_m": sigma}
-        numbers = {
-            "point of the clamped tip, from the flange": _mm(found.tip_m),
-            "one sigma": _mm(sigma),
-            "largest turn": f"{found.cone_deg:.0f} degrees",
-        }
+        sigma_m = np.sqrt(np.diag(found.covariance))
+        layout = {"parent_frame": FLANGE, "child_frame": "tip"}
+        figures += [
+            Figure("translation_m", found.tip_m, "clamped tip from the flange, x, y, z", *MM, sigma_m, True),
+            Figure("covariance", found.covariance),
+        ]
         tips = [pose.translated(*pose.rotation.apply(found.tip_m)) for pose in poses.values()]
         in_3d = "The flange in each pose and the tip that follows from it, in the robot's base frame."
         missed_mm = {name: 1e3 * v for name, v in (found.residual_m or {}).items()}
         of_error = "Distance from the common point to where each pose puts the tip."
         pictures = [
-            figures.poses(in_3d, {"flange": list(poses.values()), "tip": tips}),
-            figures.bars("Error per pose", of_error, missed_mm, "distance, mm"),
+            charts.poses(in_3d, {"flange": list(poses.values()), "tip": tips}),
+            charts.bars("Error per pose", of_error, missed_mm, "distance, mm"),
         ]
         if flange_T_tcp is not None:
             tcp_m = np.asarray(flange_T_tcp.position_m)
@@ -218,14 +216,13 @@ def solve_tip(samples: Samples, options: TipOptions) -> CalibrationResult:
                 cure = "if the tip is right, solve its samples with --from and --accept-change"
                 refused = Assessment((f"{text}; {cure}",))
                 assessment += Assessment(doubts=(text,)) if options.accept_change else refused
-            value |= {"bench_file_tcp_m": tcp_m, "tip_from_tcp_m": out_m}
-            numbers |= {
-                "tcp_m of the bench file, from the flange": _mm(tcp_m),
-                "from tcp_m to the tip, along the tool's axes": _mm(out_m),
-            }
+            figures += [
+                Figure("bench_file_tcp_m", tcp_m, "tcp_m of the bench file, x, y, z", *MM, top=True),
+                Figure("tip_from_tcp_m", out_m, "from tcp_m to the tip, tool axes x, y, z", *MM, top=True),
+            ]
+    figures.append(Figure("cone_deg", found.cone_deg, "largest rotation between poses", ".0f", "degrees"))
     return CalibrationResult(
-        "tcp", {"tool": options.serial}, value, assessment, quality=quality, source=str(samples.folder),
-        numbers=numbers,
+        "tcp", {"tool": options.serial}, layout, assessment, figures, source=str(samples.folder),
         used=len(found.residual_m or ()), rejected=[*rejected, *found.rejected], files=[path],
         pictures=pictures,
     )  # fmt: skip
@@ -249,10 +246,6 @@ def _flange_poses(path: Path, flange_T_tcp: Pose | None) -> tuple[dict[str, Pose
         )
     tcp_T_flange = flange_T_tcp.inverse()  # noqa: N806
     return {name: pose @ tcp_T_flange for name, pose in poses.items()}, rejected
-
-
-def _mm(point_m: Array) -> str:
-    return ", ".join(f"{axis} {1e3 * v:.2f}" for axis, v in zip("xyz", point_m, strict=True)) + " mm"
 
 
 def collect_tip(station: Station, options: TipOptions) -> list[CalibrationResult]:

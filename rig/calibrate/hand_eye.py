@@ -3,7 +3,7 @@
 On a bench poses are chosen and visited, the samples are stored as files, and then solved.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
@@ -27,9 +27,9 @@ from drivers.types import Pose
 from protocols.capture_hand_eye import SPEED_M_S, HandEyeCapture, capture_hand_eye
 from protocols.readiness import agree_to_carry
 from rig.bench.assembly import TOOL_DOWN
-from rig.calibrate import figures
+from rig.calibrate import charts
 from rig.calibrate.bench import Station, visits
-from rig.calibrate.figures import Picture, thumbnails
+from rig.calibrate.charts import Picture, thumbnails
 from rig.calibrate.kind import (
     CameraFile,
     Differences,
@@ -40,7 +40,7 @@ from rig.calibrate.kind import (
     TargetOption,
     distance_mm,
 )
-from rig.calibrate.result import CalibrationResult
+from rig.calibrate.result import DEGREES, MM, CalibrationResult, Figure
 from rig.calibrate.samples import picture_files, pose_row, read_poses, write_picture, write_poses
 from rig.config import BenchConfig
 from rig.declared import option
@@ -50,8 +50,15 @@ FRAMES = {Setup.EYE_TO_HAND: ("base", "camera", "tcp"), Setup.EYE_IN_HAND: ("tcp
 TARGETS = "targets.csv"
 FIRST_POSES = 6
 """Visited as drawn; from then on each next pose is the most informative one."""
-_NOISE = ("robot_turn_rad", "robot_m", "tilt_rad", "turn_rad", "across_m", "depth_m")
-"""Of the robot's poses, then of the target's."""
+_NOISE = {
+    "noise_robot_turn_rad": "noise of the robot's orientation",
+    "noise_robot_m": "noise of the robot's position",
+    "noise_tilt_rad": "noise of the target's tilt",
+    "noise_turn_rad": "noise of the target's rotation in the picture",
+    "noise_across_m": "noise of the target's position across the line of sight",
+    "noise_depth_m": "noise of the target's distance",
+}
+"""Labels of the estimated noise, in the order of `HandEyeResult.sigmas`."""
 _ORDER = "rotation vector about the child's axes (rad), translation in the parent (m)"
 _CANDIDATES = 60
 _WORKSPACE_M = 0.15
@@ -164,12 +171,11 @@ def _result(
 ) -> CalibrationResult:  # fmt: skip
     """Return the calibration with all poses in 3D. robot: base_T_tcp by sample. seen: as in `_figures`."""
     setup, pose, target = found.setup, found.pose, found.target
-    value: dict[str, object] = {}
-    quality, numbers = _figures(found, seen)
+    layout: dict[str, object] = {}
     if pose is not None and target is not None:
         parent, child, holder = FRAMES[setup]
-        value = {"setup": str(setup), **_transform(parent, child, pose)}
-        value["target"] = _transform(holder, "target", target)
+        layout = {"setup": str(setup), **_transform(parent, child, pose)}
+        layout["target"] = _transform(holder, "target", target)
         moving, used = setup is Setup.EYE_IN_HAND, [robot[name] for name in found.used]
         groups = {
             "TCP": used,
@@ -178,10 +184,10 @@ def _result(
             "base": [Pose((0.0, 0.0, 0.0))],
         }
         text = "Axes of each frame, in the robot's base frame; the longest is z: the camera looks along it."
-        pictures = [figures.poses(text, groups), *pictures]
+        pictures = [charts.poses(text, groups), *pictures]
     return CalibrationResult(
-        "hand-eye", {"camera": serial}, value, found.assessment, quality=quality, source=str(folder),
-        numbers=numbers, used=len(found.used), rejected=[*rejected, *found.rejected], files=files,
+        "hand-eye", {"camera": serial}, layout, found.assessment, _figures(found, seen),
+        source=str(folder), used=len(found.used), rejected=[*rejected, *found.rejected], files=files,
         pictures=pictures,
     )  # fmt: skip
 
@@ -195,55 +201,46 @@ def _transform(parent: str, child: str, pose: Pose) -> dict[str, object]:
     }
 
 
-def _figures(result: HandEyeResult, seen: str) -> tuple[dict[str, object], dict[str, str]]:
-    """Return quality and numbers of an answer. seen: the target in the pictures; "" for pairs of poses."""
-    motion, (parent, child, _) = result.motion, FRAMES[result.setup]
-    quality: dict[str, object] = {"target": seen} if seen else {}
+def _figures(result: HandEyeResult, seen: str) -> list[Figure]:
+    """Return the figures of an answer. seen: the target in the pictures; "" for pairs of poses."""
+    motion, pose, (parent, child, _) = result.motion, result.pose, FRAMES[result.setup]
+    figures = [Figure("target", seen)] if seen else []
     if motion is not None and seen:
-        quality["observability"] = {
-            "max_angle_deg": motion.max_angle_deg,
-            "translation_ratio": motion.translation_ratio,
-            "rotation_gap": motion.rotation_gap,
-        }
-    if result.pose is None or result.covariance is None:
-        return quality, {}
-    quality |= {"covariance_order": _ORDER, "covariance": result.covariance}
-    sigma = np.sqrt(np.diag(result.covariance))
-    numbers = {
-        "position" if not seen else f"{parent}_T_{child}, position": (
-            f"{_axes(result.pose.position_m, 5)} m"
-        ),
-        "orientation, quaternion x, y, z, w": ", ".join(f"{v:.6f}" for v in result.pose.quaternion_xyzw),
-        "one sigma of the position": f"{_axes(1e3 * sigma[3:], 2)} mm",
-        "one sigma of the orientation": f"{_axes(np.degrees(sigma[:3]), 3)} degrees",
-    }
+        figures += [
+            Figure("max_angle_deg", motion.max_angle_deg,
+                   f"largest rotation between poses (limit {LEAST_TURN_DEG:g})", ".0f", "degrees"),
+            Figure("translation_ratio", motion.translation_ratio,
+                   f"rotation about different axes (limit {LEAST_RATIO:g})", ".2f"),
+            Figure("rotation_gap", motion.rotation_gap, f"gap of the rotation (limit {LEAST_GAP:g})", ".2g"),
+        ]  # fmt: skip
+    if pose is None or result.covariance is None:
+        return figures
+    sigma, name = np.sqrt(np.diag(result.covariance)), f"{parent}_T_{child}"
+    figures = [
+        Figure("", pose.position_m, f"{name}, position x, y, z", ".5f", "m", sigma=sigma[3:]),
+        Figure("", pose.quaternion_xyzw, f"{name}, quaternion x, y, z, w", ".6f"),
+        Figure("", sigma[:3], f"{name}, one sigma of the rotation about x, y, z", *DEGREES),
+        Figure("covariance_order", _ORDER),
+        Figure("covariance", result.covariance),
+        *figures,
+    ]
     if result.sigmas is not None:
-        turn, move, tilt, about, across, depth = result.sigmas
-        quality["noise_found"] = dict(zip(_NOISE, result.sigmas.tolist(), strict=True))
-        numbers["noise found, robot"] = f"{np.degrees(turn):.3f} degrees, {1e3 * move:.2f} mm"
-        numbers["noise found, target's pose"] = (
-            f"tilt {np.degrees(tilt):.3f}, turn {np.degrees(about):.3f} degrees, across {1e3 * across:.2f}, "
-            f"depth {1e3 * depth:.2f} mm"
-        )
-    if result.held_out_px is not None and result.from_camera is not None and result.refined and motion:
-        rms_px, held_out_px = result.refined.rms_px, float(np.sqrt((result.held_out_px**2).mean()))
-        quality |= {
-            "covariance_from_camera": result.from_camera, "rms_px": rms_px, "held_out_rms_px": held_out_px
-        }  # fmt: skip
+        figures += [
+            Figure(key, value, label, *(MM if key.endswith("_m") else DEGREES))
+            for (key, label), value in zip(_NOISE.items(), result.sigmas.tolist(), strict=True)
+        ]
+    if result.held_out_px is not None and result.from_camera is not None and result.refined:
         part = np.sqrt(np.diag(result.from_camera))
-        numbers |= {
-            "of that from the camera": f"{np.linalg.norm(1e3 * part[3:]):.2f} mm, "
-            f"{np.linalg.norm(np.degrees(part[:3])):.3f} degrees",
-            "samples used are missed by": f"{rms_px:.2f} px, left out by {held_out_px:.2f} px",
-            "rotation of the poses": f"{motion.max_angle_deg:.0f} degrees (limit {LEAST_TURN_DEG:g}), "
-            f"about different axes {motion.translation_ratio:.2f} (limit {LEAST_RATIO:g}), "
-            f"gap {motion.rotation_gap:.2g} (limit {LEAST_GAP:g})",
-        }
-    return quality, numbers
-
-
-def _axes(values: Iterable[float], digits: int) -> str:
-    return ", ".join(f"{axis} {value:.{digits}f}" for axis, value in zip("xyz", values, strict=True))
+        turn_rad, move_m = float(np.linalg.norm(part[:3])), float(np.linalg.norm(part[3:]))
+        held_out_px = float(np.sqrt((result.held_out_px**2).mean()))
+        figures += [
+            Figure("covariance_from_camera", result.from_camera),
+            Figure("", move_m, f"{name}, sigma of the position due to the camera", *MM),
+            Figure("", turn_rad, f"{name}, sigma of the rotation due to the camera", *DEGREES),
+            Figure("rms_px", result.refined.rms_px, "error of the samples used", ".2f", "px"),
+            Figure("held_out_rms_px", held_out_px, "error of samples left out", ".2f", "px"),
+        ]
+    return figures
 
 
 def _pictures(
@@ -259,27 +256,27 @@ def _pictures(
             "Arrows of one sample that agree show a robot pose or a picture that does not fit the others."
         )
         pictures += [
-            figures.residuals(
+            charts.residuals(
                 "Residuals of the worst sample", f"{name}: {text}", problem.seen_px[own],
                 -refined.missed_px[own], camera.size, read_image(files[name], grey=True),
             ),
-            figures.residuals(
+            charts.residuals(
                 "Residuals of all samples", of_all, problem.seen_px, -refined.missed_px, camera.size
             ),
         ]  # fmt: skip
     if result.sample_px:
         limit = 3.0 * float(np.median(list(result.sample_px.values())))
         text = "Rms residual of each sample. Dashed: three times the median."
-        pictures.append(figures.bars("Error per sample", text, result.sample_px, "rms, px", limit))
+        pictures.append(charts.bars("Error per sample", text, result.sample_px, "rms, px", limit))
     if result.held_out_px is not None:
         held = dict(zip(result.used, result.held_out_px.tolist(), strict=True))
         text = "Rms residual of each sample for the answer from all others."
-        pictures.append(figures.bars("Error of samples left out", text, held, "rms, px"))
+        pictures.append(charts.bars("Error of samples left out", text, held, "rms, px"))
     if views and result.motion is not None:
         points = np.vstack([v.image_px for v in views])
         places = {"points": (points[:, 0], camera.size[1] - points[:, 1])}
         text = "Its points in all samples."
-        pictures.append(figures.curves("Where the target was seen", text, places, "x, px", "up, px", "."))
+        pictures.append(charts.curves("Where the target was seen", text, places, "x, px", "up, px", "."))
     return pictures
 
 

@@ -198,7 +198,7 @@ def board(
     """
     from calibration.store import write_bytes
     from calibration.targets.sheets import sheet_svg
-    from rig.calibrate.figures import sheet_pdf
+    from rig.calibrate.charts import sheet_pdf
 
     path = out or Path(f"{target.replace(':', '_')}.svg")
     makers = {".svg": lambda: sheet_svg(target).encode(), ".pdf": lambda: sheet_pdf(target)}

@@ -107,7 +107,7 @@ def test_hand_eye_from_target_poses_needs_no_camera(tmp_path: Path) -> None:
     done = figures("hand-eye", "--from", tmp_path, "--out", tmp_path / "out")
     assert np.linalg.norm(np.subtract(done["value"]["translation_m"], truth.x.position_m)) < 1e-3
     assert {r["id"] for r in done["rejected"]} == {samples[3].id, "99"}
-    assert done["quality"]["noise_found"]["robot_m"] < 1e-3
+    assert done["quality"]["noise_robot_m"] < 1e-3
 
 
 @pytest.mark.heavy

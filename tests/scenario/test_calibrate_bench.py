@@ -59,7 +59,7 @@ def flange_tip_m(seed: int) -> tuple[float, ...]:
 @pytest.mark.heavy
 def test_calibrated_tip_is_in_the_flange_frame_and_equals_that_of_its_samples(tmp_path: Path) -> None:
     (found,) = collect_tip(station(tmp_path, seed=3), TipOptions(poses=10))
-    sigma = np.asarray(found.quality["sigma_m"])
+    sigma = np.asarray(found.quality["translation_m_sigma"])
     off = np.abs(np.subtract(found.value["translation_m"], flange_tip_m(3)))
     assert (off < 4 * sigma + 5e-5).all()
     assert sigma.max() < 5e-4

@@ -191,7 +191,7 @@ def test_unreadable_real_bench_is_an_error_and_keeps_earlier_samples(tmp_path: P
     earlier = tmp_path / "tcp-samples" / "poses.csv"
     earlier.parent.mkdir()
     earlier.write_text("an afternoon's work")
-    with pytest.raises(DeviceError, match="5 of 5 devices cannot be read, nothing was started"):
+    with pytest.raises(DeviceError, match="5 of 5 devices cannot be used, nothing was started"):
         collect_tip(station(tmp_path, bench=load_bench(str(path))), TipOptions(poses=4))
     assert earlier.read_text() == "an afternoon's work"
 

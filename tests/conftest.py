@@ -165,7 +165,7 @@ def quick_figures(monkeypatch: pytest.MonkeyPatch) -> None:
     def empty(figure: object, alt: str) -> Markup:
         return Markup('<svg role="img" aria-label="{}" fill="var(--ink)"></svg>').format(alt)
 
-    for name in ("rig.report.parts.drawn_svg", "rig.calibrate.figures.svg"):
+    for name in ("rig.report.parts.drawn_svg", "rig.calibrate.charts.svg"):
         monkeypatch.setattr(name, empty)
 
 

@@ -18,77 +18,21 @@ from drivers.bench import Bench, Hand
 from drivers.errors import DeviceError, FormatError, InputError, InvalidStateError, RecordingError, counted
 from drivers.formats import read_json
 from drivers.images import encode_png, load_image
-from drivers.interfaces import Arm, FrameSource, Gripper
+from drivers.interfaces import FrameSource
 from drivers.realtime import compute_in_one_thread, realtime
-from drivers.types import BASIC_MODE, HandState, Holding, Pose
+from drivers.types import HandState, Holding, Pose
 from fakes.world.world import World
 from protocols.grasps import find_grasp_file
 from protocols.operator import Operator
 from protocols.readiness import check_hand
 from rig.bench.assembly import build_bench, build_real_bench
+from rig.bench.findings import first_findings
 from rig.bench.identity import prove_simulated
 from rig.bench.operators import ConsoleOperator
 from rig.config import BenchConfig
 from rig.sessions.files import state_folder, write_file, write_json
 from rig.tactile.contact.finder import ContactFinder
 from rig.tactile.contact.gate import TOUCH_FRAMES
-
-FIRST_FRAME_S = 5.0
-"""Time limit of the first frame: some sensors take seconds to start."""
-
-
-@dataclass(frozen=True, slots=True)
-class Reading:
-    """Result of reading a device. seen: text for the operator. problem: why it cannot be read, or None."""
-
-    device: str
-    seen: str
-    problem: str | None = None
-
-
-def read_devices(bench: Bench) -> list[Reading]:
-    """Read a frame of each camera, the fingers' opening and the arm's speed slider; then disconnect."""
-    reads: list[tuple[str, Callable[[], str]]] = [
-        (source.serial, partial(_frame_of, source)) for source in bench.frame_sources
-    ]
-    reads += [("gripper", lambda: _fingers_of(bench.gripper))] if bench.has("gripper") else []
-    reads += [("arm", lambda: _slider_of(bench.arm))] if bench.has("arm") else []
-    readings = []
-    for device, read in reads:
-        try:
-            readings.append(Reading(device, read()))
-        except DeviceError as error:
-            readings.append(Reading(device, "", str(error)))
-    return readings
-
-
-def _frame_of(source: FrameSource) -> str:
-    try:
-        source.connect()
-        height, width = source.next_frame(FIRST_FRAME_S).image.shape[:2]
-    finally:
-        source.disconnect()
-    return f"{width} x {height} px"
-
-
-def _fingers_of(gripper: Gripper) -> str:
-    try:
-        gripper.connect()
-        state = gripper.state()
-    finally:
-        gripper.disconnect()
-    active = "activated" if state.activated else "not activated: asked for first"
-    if state.mode != BASIC_MODE:
-        active += f"; in {state.mode} mode: activation in {BASIC_MODE} mode is asked for first"
-    return f"fingers {1e3 * state.opening_m:.1f} mm apart, {active}"
-
-
-def _slider_of(arm: Arm) -> str:
-    fraction = arm.speed_fraction()
-    if fraction is None:
-        return "no speed slider"
-    return f"speed slider at {fraction:.0%}: motions run at that fraction of their speed"
-
 
 FRAME_S = 1.0
 """Largest age of a stored frame, and time limit for the next one."""
@@ -345,13 +289,14 @@ class StandingBench(BenchSource):
         compute_in_one_thread()
         bench = build_real_bench(config, self._remembered_hand())
         if config.fakes is None:
-            readings = read_devices(bench)
-            if problems := [reading.problem for reading in readings if reading.problem]:
+            findings = first_findings(bench, config)
+            if failed := [finding for finding in findings if finding.failed]:
+                devices = counted(len({finding.device for finding in findings}), "device")
                 raise DeviceError(
-                    f"{len(problems)} of {counted(len(readings), 'device')} cannot be read, nothing was "
-                    f"started: {'; '.join(problems)}; rig doctor gives details"
+                    f"{len(failed)} of {devices} cannot be used, nothing was started: "
+                    f"{'; '.join(map(str, failed))}; rig doctor gives details"
                 )
-            seen = "\n".join(f"  {reading.device}: {reading.seen}" for reading in readings)
+            seen = "\n".join(f"  {finding}" for finding in findings)
             self._person.confirm(f"Devices were read and disconnected again:\n{seen}\n{self._introduction}")
         else:
             from rig.bench.fakes_process import simulated_operator

@@ -20,6 +20,7 @@ from rig.bench.operators import ConsoleOperator
 from rig.bench.plan import Plan, PlannedMotion, make_plan
 from rig.bench.source import session_bench
 from rig.config import BenchConfig
+from rig.config.objects import with_objects
 from rig.tactile.contact.background import mean_background
 from rig.tactile.contact.finder import ContactFinder
 from rig.tactile.contact.gate import TouchDebounce
@@ -33,6 +34,7 @@ class Station:
     config: of the bench. seed: of the simulation. folder: of calibration files; its subfolders hold the raw
     samples. person: answers the questions. say: prints lines of progress. before: called with the plan before
     any device is connected. show: called with each frame, which it must not change; None without a viewer.
+    bench: its name, or the path of its file.
     """
 
     config: BenchConfig
@@ -42,13 +44,18 @@ class Station:
     say: Callable[[str], None]
     before: Callable[[Plan], None] = lambda plan: None
     show: Callable[[Frame], None] | None = None
+    bench: str = "fake"
     _folders: list[Path] = field(default_factory=list)
+
+    def with_objects(self, folder: Path | None) -> "Station":
+        """Return a station with a lab's own objects. folder, errors: as in `with_objects`."""
+        return replace(self, config=with_objects(self.config, self.bench, folder))
 
     def note(self, text: str, done: int, total: int) -> None:
         self.say(f"  {text}")
         announce(Event("progress", text, done, total))
 
-    def left_out(self, name: str, reason: str) -> None:
+    def leave_out(self, name: str, reason: str) -> None:
         self.say(f"  {name}: {reason}")
         announce(Event("fault", f"{name}: {reason}"))
 
@@ -76,20 +83,26 @@ class Station:
 
     @contextmanager
     def connected(
-        self, introduction: str, from_home: bool = False, motions: Sequence[PlannedMotion] = ()
+        self,
+        introduction: str,
+        from_home: bool = False,
+        motions: Sequence[PlannedMotion] = (),
+        asks: bool = True,
     ) -> Iterator[tuple[Bench, Operator]]:
         """Yield the connected bench and its operator.
 
         introduction: describes the motions; on a real bench the person must agree to it first. from_home:
-        whether the arm goes home first. motions: the motions that are known beforehand. Samples of an earlier
-        run are removed once the bench is connected. Raises `OperatorStopError` unless the person agrees, and
+        whether the arm goes home first. motions: the motions that are known beforehand. asks: False if no
+        consent is needed, because nothing moves and no object is placed. Samples of an earlier run are
+        removed once the bench is connected. Raises `OperatorStopError` unless the person agrees, and
         `DeviceError`.
         """
+        person = self.person if asks else ConsoleOperator(lambda _: False, agreed=True)
         first = [home_plan(home_pose(self.config), "First")] if from_home else []
         plan = make_plan(self.config, [*first, introduction], motions)
         self.before(plan)
         with (
-            session_bench(self.config, self.person, f"{plan.text()}\nAgree?") as benches,
+            session_bench(self.config, person, f"{plan.text()}\nAgree?") as benches,
             benches.for_lift(self.seed, "calibration") as (bench, operator),
         ):
             for folder in self._folders:

@@ -4,7 +4,7 @@ On a bench an object with markers is moved. The arm wiggles it and is the refere
 turns it by hand, and the camera is.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import cv2
@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.markers.tracker import MarkerTracker
+from calibration.store import read_yaml
 from calibration.targets.aruco import Refusal
 from calibration.time_offset import time_offset
 from drivers.clock import NS_PER_S
@@ -23,11 +24,13 @@ from protocols.capture_touch import Stroke, Touch, capture_turning_by_hand, capt
 from protocols.grasps import find_grasp_file
 from protocols.observer import Phase
 from rig.bench.twins import refuse_undrawn
-from rig.calibrate import figures
+from rig.calibrate import charts
 from rig.calibrate.bench import Station, TouchObserver, grasp_at, touch_motions
-from rig.calibrate.result import CalibrationResult
+from rig.calibrate.kind import Differences, Kind, ObjectsFolder, Samples
+from rig.calibrate.result import CalibrationResult, Figure
 from rig.calibrate.samples import read_stream, write_table
 from rig.config import BenchConfig
+from rig.declared import option
 
 ARM = "arm"
 """The stream whose clock is the reference."""
@@ -41,52 +44,70 @@ _FIRM_M = 0.0037
 """Closing past contact, m, six steps of a Robotiq 3-Finger: holds a block at its middle without slip."""
 
 
-def sync_from_folder(folder: Path, first: str, second: str, search_s: float) -> CalibrationResult:
+@dataclass(frozen=True)
+class SyncOptions:
+    """Estimate the time offset and drift between streams that measured the same motion.
+
+    On a bench the arm moves an object with markers up and down by 1 cm. The offsets of the camera and of both
+    fingertips from the arm's clock are estimated. If the bench lacks an arm, a gripper or the second
+    fingertip, nothing moves: you press the object onto the gel and turn it to and fro by hand, and the
+    offsets of the fingertips from the camera's clock are estimated.
+
+    The folder of --from holds <name>.csv for both streams. The columns are time_ns (or t_s) and value, any
+    quantity that changes with the motion. Its unit does not matter and may differ between the streams, since
+    only the time offset is estimated. Long, fast and irregular motions give the best results. Instead of
+    value the columns may be an orientation, qx, qy, qz, qw. Then the turning speeds are compared, which
+    are equal for two sensors on one rigid body.
+
+    Examples:
+      rig calibrate sync --bench fake
+      rig calibrate sync --from wiggle --reference robot --stream camera
+    """
+
+    first: str = option("robot", "Stream whose clock is the reference.", "--reference")
+    second: str = option("camera", "Stream whose offset from the reference is estimated.", "--stream")
+    search: float = option(0.5, "Largest offset to search for, s.", min=0.01, max=10)
+    object_name: str = option(
+        "gauge:30", "On a bench: object with the markers, or gauge:WIDTH for a block (mm).", "--object"
+    )
+    objects: ObjectsFolder = None
+
+
+def solve_sync(samples: Samples, options: SyncOptions) -> CalibrationResult:
     """Find the offset of two CSV files of one motion, `<name>.csv` with time_ns (or t_s) and value."""
+    folder, first, second = samples.folder, options.first, options.second
     paths = [folder / f"{name}.csv" for name in (first, second)]
     one, other = (read_stream(path) for path in paths)
-    found = time_offset(one, other, search_s)
-    quality = {
-        "sigma_s": found.sigma_s,
-        "drift_sigma_ppm": found.drift_sigma_ppm,
-        "explained": found.explained,
-    }
-    value, numbers, pictures = {}, {}, []
+    found = time_offset(one, other, options.search)
+    layout, pictures = {}, []
+    figures = [
+        Figure("add_to_stream_s", found.offset_s, "to add to the stream", ".3f", "ms", 1e3,
+               sigma=found.sigma_s, top=True),
+        Figure("explained", found.explained, "motion explained", ".1f", "%", 100.0),
+        Figure("drift_ppm", found.drift_ppm, "drift of the clocks, which the bench does not use", ".2f",
+               "ppm", sigma=found.drift_sigma_ppm, top=True),
+    ]  # fmt: skip
     if found.offset_s is not None:
-        value = {
-            "reference": first,
-            "stream": second,
-            "add_to_stream_s": found.offset_s,
-            "drift_ppm": found.drift_ppm,
-        }
-        numbers = {
-            "to add to the stream": f"{1e3 * found.offset_s:.3f} ± {1e3 * (found.sigma_s or 0.0):.3f} ms",
-            "motion explained": f"{found.explained:.1%}",
-        }
-        if found.drift_ppm is not None:
-            numbers["drift of the clocks"] = (
-                f"{found.drift_ppm:.2f} ± {found.drift_sigma_ppm:.2f} ppm; the bench uses the offset alone"
-            )
+        layout = {"reference": first, "stream": second}
         at_s, other_s = ((stream.time_ns - one.time_ns[0]) / NS_PER_S for stream in (one, other))
         moved = other_s + found.offset_s, (other.values - other.values.mean()) / (found.gain or 1.0)
         shown = {first: (at_s, one.values - one.values.mean()), f"{second}, moved": moved}
         text = "The second is shifted by the offset and scaled; both should coincide."
-        pictures = [figures.curves("Both streams", text, shown, "time, s", "value without its mean")]
+        pictures = [charts.curves("Both streams", text, shown, "time, s", "value without its mean")]
     return CalibrationResult(
-        "sync", {"reference": first, "stream": second}, value, found.assessment, source=str(folder),
-        quality={name: figure for name, figure in quality.items() if figure is not None},
-        numbers=numbers, used=found.used, files=paths, pictures=pictures,
+        "sync", {"reference": first, "stream": second}, layout, found.assessment, figures,
+        source=str(folder), used=found.used, files=paths, pictures=pictures,
     )  # fmt: skip
 
 
-def collect_streams(station: Station, object_name: str, search_s: float) -> list[CalibrationResult]:
+def collect_streams(station: Station, options: SyncOptions) -> list[CalibrationResult]:
     """Move an object with markers; return each sensor's offset from the arm's clock, or else the camera's.
 
     Raises `OperatorStopError` unless the operator agrees, `DeviceError`, `InputError`.
     """
-    config = station.config
-    raw = station.raw("sync")
-    touch = _touch(config, object_name)
+    station = station.with_objects(options.objects)
+    config, raw = station.config, station.raw("sync")
+    touch = _touch(config, options.object_name)
     camera, tips = config.camera, tuple(t.serial for t in config.tactile)
     tracker = MarkerTracker(camera.marker_ids, camera.marker_dictionary)
     watch = WiggleObserver(tips, shown=station.show, tracker=tracker, camera=camera.serial)
@@ -109,10 +130,8 @@ def collect_streams(station: Station, object_name: str, search_s: float) -> list
         rows = [f"{t},{v:.9g}" for t, v in zip(times.tolist(), values.tolist(), strict=True)]
         write_table(raw / f"{name}.csv", "time_ns,value", rows)
     reference, sensors = (ARM, (camera.serial, *tips)) if by_arm else (camera.serial, tips)
-    return [
-        sync_from_folder(raw, reference, name, search_s).marked(config.gives_simulated(name))
-        for name in sensors
-    ]
+    solved = [solve_sync(Samples(raw), replace(options, first=reference, second=name)) for name in sensors]
+    return [replace(each, simulated=config.gives_simulated(each.serials["stream"])) for each in solved]
 
 
 def _touch(config: BenchConfig, name: str) -> Touch:
@@ -185,7 +204,7 @@ class WiggleObserver(TouchObserver):
             self._first_corners = seen
         # the markers' height (px), or, if turned by hand, their angle since the first frame (rad)
         by_hand = self.arm_device is None
-        value = turned_rad(self._first_corners, seen) if by_hand else float(seen[..., 1].mean())
+        value = rotation_rad(self._first_corners, seen) if by_hand else float(seen[..., 1].mean())
         self._markers.append((frame.time_ns, value))
 
     def streams(self) -> dict[str, tuple[NDArray[np.int64], NDArray[np.float64]]]:
@@ -240,7 +259,7 @@ def most_alike(
     return changes @ weights
 
 
-def turned_rad(before: NDArray[np.float64], now: NDArray[np.float64]) -> float:
+def rotation_rad(before: NDArray[np.float64], now: NDArray[np.float64]) -> float:
     """Return the least-squares rotation of points, (..., 2) px, about their centroid, rad."""
     flat = [points.reshape(-1, 2) - points.reshape(-1, 2).mean(axis=0) for points in (before, now)]
     one, other = (points[:, 0] + 1j * points[:, 1] for points in flat)
@@ -249,3 +268,12 @@ def turned_rad(before: NDArray[np.float64], now: NDArray[np.float64]) -> float:
 
 def _series(pairs: list[tuple[int, float]]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     return np.array([t for t, _ in pairs], np.int64), np.array([v for _, v in pairs], np.float64)
+
+
+def compare_offsets(one: Path, other: Path) -> Differences:
+    """Return how much larger the offset in the second file is."""
+    offset_s = [read_yaml(path)["add_to_stream_s"] for path in (one, other)]
+    return {"offset_ms": round(1e3 * (offset_s[1] - offset_s[0]), 4)}
+
+
+SYNC = Kind("sync", SyncOptions, "motions", solve_sync, collect_streams, compare_offsets)

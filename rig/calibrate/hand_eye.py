@@ -3,8 +3,9 @@
 On a bench poses are chosen and visited, the samples are stored as files, and then solved.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import product
 from pathlib import Path
 
 import cv2
@@ -16,30 +17,52 @@ from calibration.camera.model import CameraModel
 from calibration.hand_eye.pose_pairs import PoseSample, calibrate_pose_pairs
 from calibration.hand_eye.refine import LEAST_GAP, LEAST_RATIO, LEAST_TURN_DEG
 from calibration.hand_eye.solve import HandEyeResult, HandEyeSample, Setup, calibrate_hand_eye, next_pose
-from calibration.targets.boards import Target, View
+from calibration.poses import pose_from_quaternion
+from calibration.store import read_yaml
+from calibration.targets.boards import Target, View, parse_target
 from calibration.verdict import Rejected
-from drivers.errors import InputError, counted
+from drivers.errors import CalibrationError, InputError, counted
 from drivers.images import read_image
 from drivers.types import Pose
 from protocols.capture_hand_eye import SPEED_M_S, HandEyeCapture, capture_hand_eye
 from protocols.readiness import agree_to_carry
 from rig.bench.assembly import TOOL_DOWN
-from rig.calibrate import figures
+from rig.calibrate import charts
 from rig.calibrate.bench import Station, visits
-from rig.calibrate.figures import Picture, thumbnails
-from rig.calibrate.result import CalibrationResult
+from rig.calibrate.charts import Picture, thumbnails
+from rig.calibrate.kind import (
+    CameraFile,
+    Differences,
+    Kind,
+    PosesOption,
+    Samples,
+    SerialOption,
+    TargetOption,
+    distance_mm,
+)
+from rig.calibrate.result import DEGREES, MM, CalibrationResult, Figure
 from rig.calibrate.samples import picture_files, pose_row, read_poses, write_picture, write_poses
 from rig.config import BenchConfig
+from rig.declared import option
 
 FRAMES = {Setup.EYE_TO_HAND: ("base", "camera", "tcp"), Setup.EYE_IN_HAND: ("tcp", "camera", "base")}
 """Parent and child frame of the answer, and the parent of the target, by setup."""
 TARGETS = "targets.csv"
 FIRST_POSES = 6
 """Visited as drawn; from then on each next pose is the most informative one."""
-_NOISE = ("robot_turn_rad", "robot_m", "tilt_rad", "turn_rad", "across_m", "depth_m")
-"""Of the robot's poses, then of the target's."""
+_NOISE = {
+    "noise_robot_turn_rad": "noise of the robot's orientation",
+    "noise_robot_m": "noise of the robot's position",
+    "noise_tilt_rad": "noise of the target's tilt",
+    "noise_turn_rad": "noise of the target's rotation in the picture",
+    "noise_across_m": "noise of the target's position across the line of sight",
+    "noise_depth_m": "noise of the target's distance",
+}
+"""Labels of the estimated noise, in the order of `HandEyeResult.sigmas`."""
 _ORDER = "rotation vector about the child's axes (rad), translation in the parent (m)"
 _CANDIDATES = 60
+_WORKSPACE_M = 0.15
+"""Half the side of the cube around the target in which two answers are compared."""
 _MOUNTED = {
     Setup.EYE_TO_HAND: ("tool", "on the tool, facing the camera"),
     Setup.EYE_IN_HAND: (
@@ -49,20 +72,49 @@ _MOUNTED = {
 }
 
 
-def hand_eye_from_folder(
-    folder: Path, target: Target, camera_file: Path | None, serial: str, setup: Setup
-) -> CalibrationResult:
+@dataclass(frozen=True)
+class HandEyeOptions:
+    """Calibrate the pose of the camera: base_T_camera if it is fixed, tcp_T_camera if it is on the tool.
+
+    On a bench the arm visits --poses poses. Each is chosen to reduce the uncertainty most, and each picture
+    is taken at rest. For eye-to-hand, fix the target rigidly to the tool. For eye-in-hand, put the target on
+    the mark of the table; the camera on the tool looks past the fingers. The intrinsics are read from
+    calibrations/ if they are there.
+
+    The folder of --from holds pictures <id>.png (or .jpg ...) and poses.csv. Its columns are id, x_m, y_m,
+    z_m and qx, qy, qz, qw (or rx_rad, ry_rad, rz_rad, as a UR shows them), the pose base_T_tcp of each
+    picture. Pictures and poses are paired by id, not by order. The resulting quaternion is in the order xyzw.
+
+    The folder may hold targets.csv instead of pictures: the poses camera_T_target that another detector
+    found, in the same columns. Then --camera is not needed. The noise of arm and detector is estimated from
+    the pairs of poses.
+
+    Examples:
+      rig calibrate hand-eye --from samples --camera camera.yaml --target marker:60:DICT_4X4_50:0
+      rig calibrate hand-eye --bench fake --poses 15
+      rig calibrate hand-eye --bench fake --setup eye-in-hand
+    """
+
+    target: TargetOption = "marker:60:DICT_4X4_50:0"
+    camera_file: CameraFile = None
+    setup: Setup = option(Setup.EYE_TO_HAND, "Fixed camera, or camera on the tool.")
+    serial: SerialOption = "unknown"
+    poses: PosesOption = 20
+
+
+def solve_hand_eye(samples: Samples, options: HandEyeOptions) -> CalibrationResult:
     """Solve from pictures of a target, or from its poses if the folder holds them.
 
     Pictures `<id>.png` are paired with the rows of poses.csv by id. Raises `InputError`.
     """
+    folder, serial, target = samples.folder, options.serial, parse_target(options.target)
     if (folder / TARGETS).is_file():
-        return _from_poses(folder, serial, setup)
-    if camera_file is None:
+        return _solve_poses(folder, serial, options.setup)
+    if options.camera_file is None:
         raise InputError("hand-eye needs the camera's intrinsics: give --camera FILE (rig calibrate camera)")
-    camera = read_camera(camera_file, None if serial == "unknown" else serial)
+    camera = read_camera(options.camera_file, None if serial == "unknown" else serial)
     poses, rejected = read_poses(folder / "poses.csv", "tcp")
-    samples: list[HandEyeSample] = []
+    paired: list[HandEyeSample] = []
     pictures: dict[str, Path] = {}
     views: dict[str, View | str] = {}
     for path in picture_files(folder):
@@ -76,13 +128,13 @@ def hand_eye_from_folder(
         if isinstance(view, str):
             rejected.append(Rejected(name, view))
         else:
-            samples.append(HandEyeSample(name, poses[name], view))
+            paired.append(HandEyeSample(name, poses[name], view))
     rejected += [Rejected(name, "no picture of this id") for name in poses.keys() - pictures.keys()]
-    result = _solved(samples, rejected, folder, target, camera, serial, setup)
+    result = _solve_views(paired, rejected, folder, camera, options)
     return replace(result, thumbnails=thumbnails(result.rejected, pictures, views))
 
 
-def _from_poses(folder: Path, serial: str, setup: Setup) -> CalibrationResult:
+def _solve_poses(folder: Path, serial: str, setup: Setup) -> CalibrationResult:
     """Pair `poses.csv` (base_T_tcp) and `targets.csv` (camera_T_target) by id, and solve."""
     files = [folder / "poses.csv", folder / TARGETS]
     (robot, rejected), (seen, also) = read_poses(files[0], "tcp"), read_poses(files[1])
@@ -92,34 +144,38 @@ def _from_poses(folder: Path, serial: str, setup: Setup) -> CalibrationResult:
     found = calibrate_pose_pairs(
         [PoseSample(name, robot[name], seen[name]) for name in robot if name in seen], setup
     )
-    return _filed(found, serial, folder, rejected, robot, files)
+    return _result(found, serial, folder, rejected, robot, files)
 
 
-def _solved(
-    samples: Sequence[HandEyeSample], rejected: Sequence[Rejected], folder: Path, target: Target,
-    camera: CameraModel, serial: str, setup: Setup,
-) -> CalibrationResult:  # fmt: skip
-    """Solve, and make the figures of the page. folder: of the pictures and poses.csv."""
-    found = calibrate_hand_eye(samples, camera, setup)
+def _solve_views(
+    samples: Sequence[HandEyeSample],
+    rejected: Sequence[Rejected],
+    folder: Path,
+    camera: CameraModel,
+    options: HandEyeOptions,
+) -> CalibrationResult:
+    """Solve, and draw the figures of the page. folder: of the pictures and poses.csv."""
+    found = calibrate_hand_eye(samples, camera, options.setup)
     robot = {sample.id: sample.base_T_tcp for sample in samples}
     pictures = picture_files(folder)
     by_id = {path.stem: path for path in pictures}
-    shown = _pictures(found, [sample.view for sample in samples], camera, by_id)
-    return _filed(found, serial, folder, rejected, robot, [*pictures, folder / "poses.csv"], target, shown)
+    drawn = _pictures(found, [sample.view for sample in samples], camera, by_id)
+    files = [*pictures, folder / "poses.csv"]
+    seen = parse_target(options.target).spec
+    return _result(found, options.serial, folder, rejected, robot, files, seen, drawn)
 
 
-def _filed(
+def _result(
     found: HandEyeResult, serial: str, folder: Path, rejected: Sequence[Rejected], robot: Mapping[str, Pose],
-    files: Sequence[Path], seen: Target | None = None, pictures: Sequence[Picture] = (),
+    files: Sequence[Path], seen: str = "", pictures: Sequence[Picture] = (),
 ) -> CalibrationResult:  # fmt: skip
     """Return the calibration with all poses in 3D. robot: base_T_tcp by sample. seen: as in `_figures`."""
     setup, pose, target = found.setup, found.pose, found.target
-    value: dict[str, object] = {}
-    quality, numbers = _figures(found, seen)
+    layout: dict[str, object] = {}
     if pose is not None and target is not None:
         parent, child, holder = FRAMES[setup]
-        value = {"setup": str(setup), **_transform(parent, child, pose)}
-        value["target"] = _transform(holder, "target", target)
+        layout = {"setup": str(setup), **_transform(parent, child, pose)}
+        layout["target"] = _transform(holder, "target", target)
         moving, used = setup is Setup.EYE_IN_HAND, [robot[name] for name in found.used]
         groups = {
             "TCP": used,
@@ -128,10 +184,10 @@ def _filed(
             "base": [Pose((0.0, 0.0, 0.0))],
         }
         text = "Axes of each frame, in the robot's base frame; the longest is z: the camera looks along it."
-        pictures = [figures.poses(text, groups), *pictures]
+        pictures = [charts.poses(text, groups), *pictures]
     return CalibrationResult(
-        "hand-eye", {"camera": serial}, value, found.assessment, quality=quality, source=str(folder),
-        numbers=numbers, used=len(found.used), rejected=[*rejected, *found.rejected], files=files,
+        "hand-eye", {"camera": serial}, layout, found.assessment, _figures(found, seen),
+        source=str(folder), used=len(found.used), rejected=[*rejected, *found.rejected], files=files,
         pictures=pictures,
     )  # fmt: skip
 
@@ -145,55 +201,46 @@ def _transform(parent: str, child: str, pose: Pose) -> dict[str, object]:
     }
 
 
-def _figures(result: HandEyeResult, seen: Target | None) -> tuple[dict[str, object], dict[str, str]]:
-    """Return quality and numbers of an answer. seen: the target in the pictures; None for pairs of poses."""
-    motion, (parent, child, _) = result.motion, FRAMES[result.setup]
-    quality: dict[str, object] = {} if seen is None else {"target": seen.spec}
-    if motion is not None and seen is not None:
-        quality["observability"] = {
-            "max_angle_deg": motion.max_angle_deg,
-            "translation_ratio": motion.translation_ratio,
-            "rotation_gap": motion.rotation_gap,
-        }
-    if result.pose is None or result.covariance is None:
-        return quality, {}
-    quality |= {"covariance_order": _ORDER, "covariance": result.covariance}
-    sigma = np.sqrt(np.diag(result.covariance))
-    numbers = {
-        "position" if seen is None else f"{parent}_T_{child}, position": (
-            f"{_axes(result.pose.position_m, 5)} m"
-        ),
-        "orientation, quaternion x, y, z, w": ", ".join(f"{v:.6f}" for v in result.pose.quaternion_xyzw),
-        "one sigma of the position": f"{_axes(1e3 * sigma[3:], 2)} mm",
-        "one sigma of the orientation": f"{_axes(np.degrees(sigma[:3]), 3)} degrees",
-    }
+def _figures(result: HandEyeResult, seen: str) -> list[Figure]:
+    """Return the figures of an answer. seen: the target in the pictures; "" for pairs of poses."""
+    motion, pose, (parent, child, _) = result.motion, result.pose, FRAMES[result.setup]
+    figures = [Figure("target", seen)] if seen else []
+    if motion is not None and seen:
+        figures += [
+            Figure("max_angle_deg", motion.max_angle_deg,
+                   f"largest rotation between poses (limit {LEAST_TURN_DEG:g})", ".0f", "degrees"),
+            Figure("translation_ratio", motion.translation_ratio,
+                   f"rotation about different axes (limit {LEAST_RATIO:g})", ".2f"),
+            Figure("rotation_gap", motion.rotation_gap, f"gap of the rotation (limit {LEAST_GAP:g})", ".2g"),
+        ]  # fmt: skip
+    if pose is None or result.covariance is None:
+        return figures
+    sigma, name = np.sqrt(np.diag(result.covariance)), f"{parent}_T_{child}"
+    figures = [
+        Figure("", pose.position_m, f"{name}, position x, y, z", ".5f", "m", sigma=sigma[3:]),
+        Figure("", pose.quaternion_xyzw, f"{name}, quaternion x, y, z, w", ".6f"),
+        Figure("", sigma[:3], f"{name}, one sigma of the rotation about x, y, z", *DEGREES),
+        Figure("covariance_order", _ORDER),
+        Figure("covariance", result.covariance),
+        *figures,
+    ]
     if result.sigmas is not None:
-        turn, move, tilt, about, across, depth = result.sigmas
-        quality["noise_found"] = dict(zip(_NOISE, result.sigmas.tolist(), strict=True))
-        numbers["noise found, robot"] = f"{np.degrees(turn):.3f} degrees, {1e3 * move:.2f} mm"
-        numbers["noise found, target's pose"] = (
-            f"tilt {np.degrees(tilt):.3f}, turn {np.degrees(about):.3f} degrees, across {1e3 * across:.2f}, "
-            f"depth {1e3 * depth:.2f} mm"
-        )
-    if result.held_out_px is not None and result.from_camera is not None and result.refined and motion:
-        rms_px, held_out_px = result.refined.rms_px, float(np.sqrt((result.held_out_px**2).mean()))
-        quality |= {
-            "covariance_from_camera": result.from_camera, "rms_px": rms_px, "held_out_rms_px": held_out_px
-        }  # fmt: skip
+        figures += [
+            Figure(key, value, label, *(MM if key.endswith("_m") else DEGREES))
+            for (key, label), value in zip(_NOISE.items(), result.sigmas.tolist(), strict=True)
+        ]
+    if result.held_out_px is not None and result.from_camera is not None and result.refined:
         part = np.sqrt(np.diag(result.from_camera))
-        numbers |= {
-            "of that from the camera": f"{np.linalg.norm(1e3 * part[3:]):.2f} mm, "
-            f"{np.linalg.norm(np.degrees(part[:3])):.3f} degrees",
-            "samples used are missed by": f"{rms_px:.2f} px, left out by {held_out_px:.2f} px",
-            "rotation of the poses": f"{motion.max_angle_deg:.0f} degrees (limit {LEAST_TURN_DEG:g}), "
-            f"about different axes {motion.translation_ratio:.2f} (limit {LEAST_RATIO:g}), "
-            f"gap {motion.rotation_gap:.2g} (limit {LEAST_GAP:g})",
-        }
-    return quality, numbers
-
-
-def _axes(values: Iterable[float], digits: int) -> str:
-    return ", ".join(f"{axis} {value:.{digits}f}" for axis, value in zip("xyz", values, strict=True))
+        turn_rad, move_m = float(np.linalg.norm(part[:3])), float(np.linalg.norm(part[3:]))
+        held_out_px = float(np.sqrt((result.held_out_px**2).mean()))
+        figures += [
+            Figure("covariance_from_camera", result.from_camera),
+            Figure("", move_m, f"{name}, sigma of the position due to the camera", *MM),
+            Figure("", turn_rad, f"{name}, sigma of the rotation due to the camera", *DEGREES),
+            Figure("rms_px", result.refined.rms_px, "error of the samples used", ".2f", "px"),
+            Figure("held_out_rms_px", held_out_px, "error of samples left out", ".2f", "px"),
+        ]
+    return figures
 
 
 def _pictures(
@@ -209,46 +256,46 @@ def _pictures(
             "Arrows of one sample that agree show a robot pose or a picture that does not fit the others."
         )
         pictures += [
-            figures.residuals(
+            charts.residuals(
                 "Residuals of the worst sample", f"{name}: {text}", problem.seen_px[own],
                 -refined.missed_px[own], camera.size, read_image(files[name], grey=True),
             ),
-            figures.residuals(
+            charts.residuals(
                 "Residuals of all samples", of_all, problem.seen_px, -refined.missed_px, camera.size
             ),
         ]  # fmt: skip
     if result.sample_px:
         limit = 3.0 * float(np.median(list(result.sample_px.values())))
         text = "Rms residual of each sample. Dashed: three times the median."
-        pictures.append(figures.bars("Error per sample", text, result.sample_px, "rms, px", limit))
+        pictures.append(charts.bars("Error per sample", text, result.sample_px, "rms, px", limit))
     if result.held_out_px is not None:
         held = dict(zip(result.used, result.held_out_px.tolist(), strict=True))
         text = "Rms residual of each sample for the answer from all others."
-        pictures.append(figures.bars("Error of samples left out", text, held, "rms, px"))
+        pictures.append(charts.bars("Error of samples left out", text, held, "rms, px"))
     if views and result.motion is not None:
         points = np.vstack([v.image_px for v in views])
         places = {"points": (points[:, 0], camera.size[1] - points[:, 1])}
         text = "Its points in all samples."
-        pictures.append(figures.curves("Where the target was seen", text, places, "x, px", "up, px", "."))
+        pictures.append(charts.curves("Where the target was seen", text, places, "x, px", "up, px", "."))
     return pictures
 
 
-def collect_hand_eye(station: Station, target: Target, setup: Setup, count: int) -> CalibrationResult:
-    """Visit `count` poses on a bench and solve. Raw pictures and poses.csv stay beside the result.
+def collect_hand_eye(station: Station, options: HandEyeOptions) -> list[CalibrationResult]:
+    """Visit poses on a bench and solve. Raw pictures and poses.csv stay beside the result.
 
     The target is firm on the tool (eye-to-hand), or firm on the bench with the camera on the tool
     (eye-in-hand). Raises `OperatorStopError` unless the operator agrees to the motion,
     `DeviceError`, `InputError`.
     """
-    config = station.config
-    mount, where = _MOUNTED[setup]
+    config, target = station.config, parse_target(options.target)
+    mount, where = _MOUNTED[options.setup]
     poses = facing_poses(config, station.seed) if mount == "tool" else looking_poses(config, station.seed)
     camera = station.camera()
-    session = _Session(target, camera, setup, poses, count, station)
+    session = _Session(target, camera, options.setup, poses, options.poses, station)
     around = config.camera.look_at_m if mount == "tool" else config.table.position_m
     with station.connected(
-        f"The arm will visit {counted(count, 'pose')} around {around} m at up to {SPEED_M_S} m/s, tilted by "
-        f"up to 35 degrees, with the target {target.spec} {where}; it chooses from these "
+        f"The arm will visit {counted(options.poses, 'pose')} around {around} m at up to {SPEED_M_S} m/s, "
+        f"tilted by up to 35 degrees, with the target {target.spec} {where}; it chooses from these "
         "places, and leaves out what would be refused.",
         motions=visits([(f"{i:03d}", pose) for i, pose in enumerate(poses, start=1)]),
     ) as (bench, operator):
@@ -256,10 +303,9 @@ def collect_hand_eye(station: Station, target: Target, setup: Setup, count: int)
         operator.place(f"{target.spec}@{mount}", f"target {target.spec}, firm {where}")
         capture_hand_eye(bench, session.next, session.keep, session.skip)
     write_poses(session.raw, session.rows, "tcp")
-    result = _solved(
-        session.samples, session.rejected, session.raw, target, camera, config.camera.serial, setup
-    )
-    return result.marked(config.simulated)
+    of_bench = replace(options, serial=config.camera.serial)
+    result = _solve_views(session.samples, session.rejected, session.raw, camera, of_bench)
+    return [replace(result, simulated=config.simulated)]
 
 
 def facing_poses(
@@ -335,4 +381,32 @@ class _Session:
 
     def skip(self, name: str, reason: str) -> None:
         self.rejected.append(Rejected(name, reason))
-        self._station.left_out(name, reason)
+        self._station.leave_out(name, reason)
+
+
+def compare_hand_eye(one_file: Path, other_file: Path) -> Differences:
+    """Compare the positions that the two answers give to points in the workspace.
+
+    Raises `CalibrationError` for a fixed camera and one on the tool.
+    """
+    one, other = read_yaml(one_file), read_yaml(other_file)
+    if one.get("setup") != other.get("setup"):
+        raise CalibrationError(
+            f"one is {one.get('setup')}, the other {other.get('setup')}: nothing to compare"
+        )
+    nodes = [one, other, *([one["target"]] if one.get("setup") == "eye-in-hand" else [])]
+    x, y, *target = (
+        pose_from_quaternion(node["translation_m"], node["quaternion_xyzw"], "calibration file")
+        for node in nodes
+    )
+    ahead = (x.inverse() @ target[0]).position_m if target else (0.0, 0.0, 0.7)
+    corners = ahead + _WORKSPACE_M * np.array(list(product((-1, 1), repeat=3)))
+    apart = x.rotation.apply(corners) + x.position_m - (y.rotation.apply(corners) + y.position_m)
+    return {
+        "turn_deg": round(float(np.degrees((x.rotation.inv() * y.rotation).magnitude())), 4),
+        "move_mm": distance_mm(one, other),
+        "worst_in_workspace_mm": round(1e3 * float(np.linalg.norm(apart, axis=1).max()), 3),
+    }
+
+
+HAND_EYE = Kind("hand-eye", HandEyeOptions, "poses", solve_hand_eye, collect_hand_eye, compare_hand_eye)

@@ -1,6 +1,7 @@
 """Photographs of pressed balls in a folder, with or without a catalogue and hand-drawn circles."""
 
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -8,38 +9,60 @@ import numpy as np
 from calibration.gel.balls import BALLS_MM, Press, find_press
 from calibration.gel.look_fit import Circle, Pressed
 from calibration.targets.boards import SAME_VIEW_PX
-from calibration.verdict import Rejected, length_guess
+from calibration.verdict import Rejected, length_guess, sift
 from drivers.errors import InputError
 from drivers.formats import number_in, read_csv_rows
 from drivers.images import read_image
 from drivers.types import Image
 from rig.calibrate.samples import picture_files
 
-Row = tuple[str, float, Path | None, tuple[float, float] | None]
-"""Picture, ball diameter in mm, its own background, place of the ball in mm (x right, y down)."""
-
-
 CIRCLE_COLUMNS = "center_x", "center_y", "radius"
 """Columns of circles.csv beside the name of the picture, px."""
 
 
-@dataclass(slots=True)
+@dataclass(frozen=True, slots=True)
+class Row:
+    """A picture of a pressed ball. background: its own picture without contact; None for the folder's.
+
+    move_mm: position of the ball, x right and y down; None if unknown.
+    """
+
+    name: str
+    ball_mm: float
+    background: Path | None = None
+    move_mm: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Photograph:
+    """A picture of a pressed ball. press: the detected contact, or why none was detected.
+
+    circle: of the contact, drawn by hand if there is such a circle, else detected; None if there is none.
+    """
+
+    row: Row
+    image: Image
+    press: Press | str
+    circle: Circle | None
+
+
+@dataclass(frozen=True, slots=True)
 class PressFolder:
     """The presses of a folder.
 
     folder: of the pictures. untouched: further frames without contact. found: presses in which a contact was
-    detected. pressed: photographs with the circle of their contact, drawn by hand if there is such a circle,
-    else detected. moves_mm: position of the ball by id, x right and y down.
+    detected. pressed: photographs with the circle of their contact. moves_mm: position of the ball by id, x
+    right and y down.
     """
 
     folder: Path
     background: Image
-    untouched: list[Image] = field(default_factory=list)
-    found: list[Press] = field(default_factory=list)
-    pressed: list[Pressed] = field(default_factory=list)
-    rejected: list[Rejected] = field(default_factory=list)
-    moves_mm: dict[str, tuple[float, float]] = field(default_factory=dict)
-    files: list[Path] = field(default_factory=list)
+    untouched: list[Image]
+    found: list[Press]
+    pressed: list[Pressed]
+    rejected: list[Rejected]
+    moves_mm: dict[str, tuple[float, float]]
+    files: list[Path]
 
 
 def read_press_folder(
@@ -57,55 +80,68 @@ def read_press_folder(
     whose centre and radius are within 2 px of another one with the same ball is rejected. Raises
     `InputError`.
     """
-    still = background or folder / "background.png"
-    drawn = circles or folder / "circles.csv"
+    still, catalogue = background or folder / "background.png", folder / "catalog.csv"
     pictures = folder / "frames" if (folder / "frames").is_dir() else folder
-    presses = PressFolder(pictures, read_image(still), files=[still])
-    if untouched is not None:
-        presses.untouched = [read_image(path) for path in picture_files(untouched)]
-        if any(image.shape != presses.background.shape for image in presses.untouched):
-            raise InputError(f"{untouched}: has pictures of another size than {still}: use one size")
-    if ball_mm is None and not (folder / "catalog.csv").exists():
-        raise InputError(f"{folder}: has no catalog.csv; give the diameter of the ball with --ball-mm")
-    if ball_mm is None:
-        presses.files.append(folder / "catalog.csv")
-        rows = _catalogued(folder, folder / "catalog.csv")
-    else:
+    rest = read_image(still)
+    frames = [] if untouched is None else [read_image(path) for path in picture_files(untouched)]
+    if any(image.shape != rest.shape for image in frames):
+        raise InputError(f"{untouched}: has pictures of another size than {still}: use one size")
+    if ball_mm is not None:
         ball_mm = _diameter_mm(ball_mm, "--ball-mm")
-        rows = [(p.name, ball_mm, None, None) for p in picture_files(pictures) if p.stem != "background"]
-    by_hand = _circles(drawn) if circles or drawn.is_file() else {}
-    if by_hand and by_hand.keys().isdisjoint(_key(Path(name).stem) for name, *_ in rows):
-        raise InputError(f"{drawn}: names no picture of {pictures}")
-    for name, diameter_mm, own_background, move_mm in rows:
-        presses.files.append(pictures / name)
-        rest = read_image(own_background) if own_background else presses.background
-        image = read_image(pictures / name)
-        found = find_press(image, rest.astype(np.float32), name, diameter_mm / 2.0)
-        circle = by_hand.get(_key(Path(name).stem))
-        if circle is None and not isinstance(found, str):
-            circle = *found.centre_px, found.rim_px
-        if circle is not None:
-            # a copy of a picture, or of its row, would be in the fit while the other is held out
-            same = [p for p in presses.pressed if 2.0 * p.radius_mm == diameter_mm]
-            near = [p for p in same if np.abs(np.subtract(circle, p.circle)).max() < SAME_VIEW_PX]
-            if near:
-                presses.rejected.append(Rejected(name, f"same press as {near[0].id}"))
-                continue
-            (x, y, _), (rows_px, columns_px) = circle, image.shape[:2]
-            if not (0.0 <= x < columns_px and 0.0 <= y < rows_px):
-                size = f"{columns_px} x {rows_px} px"
-                text = f"the centre of its circle, ({x:.0f}, {y:.0f}), is outside the picture of {size}"
-                presses.rejected.append(Rejected(name, text))
-                continue
-        if isinstance(found, str):
-            presses.rejected.append(Rejected(name, found))
-        else:
-            presses.found.append(found)
-            if move_mm is not None:
-                presses.moves_mm[name] = move_mm
-        if circle is not None:
-            presses.pressed.append(Pressed(name, image, circle, diameter_mm / 2.0))
-    return presses
+        rows = [Row(p.name, ball_mm) for p in picture_files(pictures) if p.stem != "background"]
+    elif catalogue.exists():
+        rows = _read_catalogue(folder, catalogue)
+    else:
+        raise InputError(f"{folder}: has no catalog.csv; give the diameter of the ball with --ball-mm")
+    drawn = _circles_of(rows, pictures, circles or folder / "circles.csv", required=circles is not None)
+    photographs = [_read_photograph(pictures, row, rest, drawn.get(_key(row.name))) for row in rows]
+    kept, rejected = sift(photographs, lambda each: each.row.name, _fault)
+    detected = [(each.row, each.press) for each in kept if isinstance(each.press, Press)]
+    return PressFolder(
+        folder=pictures,
+        background=rest,
+        untouched=frames,
+        found=[press for _, press in detected],
+        pressed=[
+            Pressed(each.row.name, each.image, each.circle, each.row.ball_mm / 2.0)
+            for each in kept
+            if each.circle is not None
+        ],
+        rejected=rejected
+        + [Rejected(each.row.name, each.press) for each in kept if isinstance(each.press, str)],
+        moves_mm={row.name: row.move_mm for row, _ in detected if row.move_mm is not None},
+        files=[still, *([catalogue] if ball_mm is None else []), *(pictures / row.name for row in rows)],
+    )
+
+
+def _read_photograph(pictures: Path, row: Row, rest: Image, drawn: Circle | None) -> Photograph:
+    """Read a picture and find its contact. rest: the folder's background. drawn: circle by hand, if any."""
+    background = rest if row.background is None else read_image(row.background)
+    image = read_image(pictures / row.name)
+    press = find_press(image, background.astype(np.float32), row.name, row.ball_mm / 2.0)
+    if drawn is None and isinstance(press, Press):
+        drawn = (*press.centre_px, press.rim_px)
+    return Photograph(row, image, press, drawn)
+
+
+def _fault(photograph: Photograph, kept: Sequence[Photograph]) -> str | None:
+    """Return the fault of a photograph with a circle, among those kept so far.
+
+    A copy of a picture, or of its row, would be in the fit while the other is held out.
+    """
+    circle, ball_mm = photograph.circle, photograph.row.ball_mm
+    if circle is None:
+        return None
+    for other in kept:
+        if other.circle is None or other.row.ball_mm != ball_mm:
+            continue
+        if np.abs(np.subtract(circle, other.circle)).max() < SAME_VIEW_PX:
+            return f"same press as {other.row.name}"
+    (x, y, _), (rows, columns) = circle, photograph.image.shape[:2]
+    if not (0.0 <= x < columns and 0.0 <= y < rows):
+        size = f"{columns} x {rows} px"
+        return f"the centre of its circle, ({x:.0f}, {y:.0f}), is outside the picture of {size}"
+    return None
 
 
 def read_circled(folder: Path) -> tuple[Image, list[tuple[Image, Circle]]]:
@@ -114,15 +150,15 @@ def read_circled(folder: Path) -> tuple[Image, list[tuple[Image, Circle]]]:
     The pictures are those of the folder, or of its folder `frames`; pictures without a circle are left out.
     Raises `InputError`.
     """
-    circles = _circles(folder / "circles.csv")
+    circles = _read_circles(folder / "circles.csv")
     pictures = picture_files(folder / "frames" if (folder / "frames").is_dir() else folder)
-    found = [(read_image(path), circles[_key(path.stem)]) for path in pictures if _key(path.stem) in circles]
+    found = [(read_image(path), circles[_key(path.name)]) for path in pictures if _key(path.name) in circles]
     if not found:
         raise InputError(f"{folder / 'circles.csv'}: names no picture of {folder}")
     return read_image(folder / "background.png"), found
 
 
-def _catalogued(folder: Path, path: Path) -> list[Row]:
+def _read_catalogue(folder: Path, path: Path) -> list[Row]:
     rows: list[Row] = []
     for line, row in read_csv_rows(path, ("image", "diameter(mm)")):
         where, name = f"{path} line {line}", row["image"]
@@ -131,7 +167,8 @@ def _catalogued(folder: Path, path: Path) -> list[Row]:
         own = folder / row["background"] if row.get("background") else None
         moved = row.get("x_mm") and row.get("y_mm")
         move = (number_in(row, "x_mm", where), number_in(row, "y_mm", where)) if moved else None
-        rows.append((name, _diameter_mm(number_in(row, "diameter(mm)", where), where), own, move))
+        ball_mm = _diameter_mm(number_in(row, "diameter(mm)", where), where)
+        rows.append(Row(name, ball_mm, own, move))
     return rows
 
 
@@ -144,8 +181,18 @@ def _diameter_mm(value: float, where: str) -> float:
     return value
 
 
-def _circles(path: Path) -> dict[str, Circle]:
-    """Read circles by the name of their picture, without leading zeros."""
+def _circles_of(rows: Sequence[Row], pictures: Path, path: Path, required: bool) -> dict[str, Circle]:
+    """Read the circles of pictures by `_key`; none if the file is missing and not required."""
+    if not (required or path.is_file()):
+        return {}
+    circles = _read_circles(path)
+    if circles and circles.keys().isdisjoint(_key(row.name) for row in rows):
+        raise InputError(f"{path}: names no picture of {pictures}")
+    return circles
+
+
+def _read_circles(path: Path) -> dict[str, Circle]:
+    """Read circles by the `_key` of their picture."""
     found: dict[str, Circle] = {}
     for line, row in read_csv_rows(path, CIRCLE_COLUMNS):
         where = f"{path} line {line}"
@@ -155,11 +202,12 @@ def _circles(path: Path) -> dict[str, Circle]:
         x, y, radius = (number_in(row, column, where) for column in CIRCLE_COLUMNS)
         if radius <= 0.0:
             raise InputError(f"{where}: a circle's radius is {radius:g} px; it must be positive")
-        if _key(Path(name).stem) in found:
+        if _key(name) in found:
             raise InputError(f"{where}: {name} has a circle already: keep one")
-        found[_key(Path(name).stem)] = x, y, radius
+        found[_key(name)] = x, y, radius
     return found
 
 
-def _key(stem: str) -> str:
-    return stem.lstrip("0") or "0"
+def _key(name: str) -> str:
+    """Return the name of a picture without suffix and leading zeros."""
+    return Path(name).stem.lstrip("0") or "0"

@@ -4,7 +4,7 @@ On a bench the fingers press balls of known diameter, or the fingertips take fra
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import cv2
@@ -20,13 +20,16 @@ from drivers.images import load_image
 from drivers.types import Image
 from protocols.capture_hand_eye import capture_still
 from protocols.capture_touch import Touch, capture_presses
-from rig.calibrate import figures
+from rig.calibrate import charts
 from rig.calibrate.bench import Station, TouchObserver, grasp_at, touch_motions
-from rig.calibrate.figures import Picture, thumbnails
+from rig.calibrate.charts import Picture, thumbnails
+from rig.calibrate.kind import Kind, Samples, SerialOption
 from rig.calibrate.press_folder import PressFolder, read_press_folder
-from rig.calibrate.result import CalibrationResult
+from rig.calibrate.result import CalibrationResult, Figure
 from rig.calibrate.samples import write_picture, write_table
 from rig.config import BenchConfig
+from rig.config.parts import require_parts
+from rig.declared import option
 
 NOMINAL_MM_PER_PX = (0.060, 0.060)
 """Scale of a DIGIT at 240 x 320 px. Lengths in mm depend on it; the radius of a ball does not."""
@@ -46,22 +49,59 @@ _GOLDEN = (5.0**0.5 - 1.0) / 2.0
 _CATALOG = "image,diameter(mm),x_mm,y_mm,background"
 
 
-def tactile_from_folder(
-    folder: Path,
-    serial: str,
-    mm_per_px: tuple[float, float] | None,
-    ball_mm: float | None = None,
-    background: Path | None = None,
-    circles: Path | None = None,
-    untouched: Path | None = None,
-) -> CalibrationResult:
+@dataclass(frozen=True)
+class TactileOptions:
+    """Calibrate a gel's scale and its map from colour to surface slope, from presses of balls.
+
+    On a bench with --ball-mm the fingers press each ball at many places of both gels. The scale in mm per px
+    is found from the steps of the arm. Without --ball-mm nothing moves: a frame of each fingertip without
+    contact is stored as its reference, and compared with the previous reference (LEDs, gel, drift).
+
+    The folder of --from holds background.png (without contact), catalog.csv and the pictures that it lists.
+    Its columns are image and diameter(mm). Optional columns are x_mm and y_mm (position of the ball, to the
+    right and down in the picture, from which the scale is found), and background (a picture without contact
+    for this row). The balls are detected in the pictures. Without catalog.csv, --ball-mm is the diameter
+    of the ball in all pictures.
+
+    The look of the sensor is stored beside the file, in tactile-SERIAL.npz: its colours by slope and place,
+    background, noise and JPEG quality. The key tactile.look of a bench file simulates a gel with it.
+
+    Examples:
+      rig calibrate tactile --from presses --ball-mm 8.8 --background bg.png --serial D20641
+      rig calibrate tactile --bench fake
+      rig calibrate tactile --bench fake --ball-mm 5 --ball-mm 9.5
+      rig calibrate tactile --from gelsight_ball --mm-per-px 0.0634 0.0634 --serial GS1
+    """
+
+    balls_mm: list[float] | None = option(
+        None, "On a bench: diameter of a ball to press, in mm; repeat for a second size.", "--ball-mm"
+    )
+    presses: int = option(16, "Number of presses of each ball.", min=8, max=100)
+    mm_per_px: tuple[float, float] | None = option(
+        None, "With --from: scale along x and y in mm per px, if known."
+    )
+    serial: SerialOption = "unknown"
+    background: Path | None = option(None, "Picture without contact. Default: background.png of the folder.")
+    circles: Path | None = option(
+        None,
+        "CSV of hand-drawn circles: frame, center_x, center_y, radius (px). Default: circles.csv.",
+    )
+    untouched: Path | None = option(
+        None, "Folder of at least 8 frames without contact, for noise and background. Default: the presses'."
+    )
+
+
+def solve_tactile(samples: Samples, options: TactileOptions) -> CalibrationResult:
     """Fit a gel's scale, colour map and look to a folder of presses, as `read_press_folder` reads it.
 
-    mm_per_px: along x and y if known; else it is fitted to the known moves of the presses (columns x_mm,
-    y_mm), or that of a DIGIT, reported as a doubt. If the colour map fails its test, only the fitted scale is
-    kept.
+    The scale, if not given, is fitted to the known moves of the presses (columns x_mm, y_mm), or is that of a
+    DIGIT, reported as a doubt. If the colour map fails its test, only the fitted scale is kept.
     """
-    presses = read_press_folder(folder, ball_mm, background, circles, untouched)
+    folder, serial = samples.folder, options.serial
+    ball_mm, *more_mm = options.balls_mm or [None]
+    if more_mm:
+        raise InputError("--ball-mm was given twice: name each picture's ball in catalog.csv instead")
+    presses = read_press_folder(folder, ball_mm, options.background, options.circles, options.untouched)
     result = CalibrationResult(
         "tactile", {"tactile": serial}, {}, Assessment(), source=str(folder), rejected=presses.rejected,
         files=presses.files,
@@ -70,50 +110,18 @@ def tactile_from_folder(
         ),
     )  # fmt: skip
     try:
-        moved = [] if mm_per_px else [p for p in presses.found if p.id in presses.moves_mm]
-        scale = None
-        if moved:
-            moves = np.array([presses.moves_mm[p.id] for p in moved])
-            centres = np.array([rim_centre(p) for p in moved])
-            scale = fit_scale(moves, centres, np.array([p.radius_mm for p in moved]))
-        used = mm_per_px or (scale.mm_per_px if scale else NOMINAL_MM_PER_PX)
-        across, along = (float(v) for v in used)
-        _require_gel(presses.background, (across, along))
-        fit = calibrate_gel(presses.found, (across, along))
-        look = fit_look(presses.pressed, presses.background, (across, along), presses.untouched)
+        scale = _scale_of(presses, options.mm_per_px)
+        _require_gel(presses.background, scale.mm_per_px)
+        fit = calibrate_gel(presses.found, scale.mm_per_px)
+        look = fit_look(presses.pressed, presses.background, scale.mm_per_px, presses.untouched)
     except CalibrationError as error:
         return replace(result, assessment=Assessment((str(error),)))
-    mapped = not (fit.assessment.refusals and scale)
-    assessment = fit.assessment
-    if not mapped:  # a scale from known moves is valid without the map
-        left_out = tuple(f"colour map left out: {reason}" for reason in assessment.reasons)
-        assessment = Assessment(doubts=left_out)
-    assessment += _assess_look(look) + _dark_or_saturated(fit, presses.background)
-    # a contact in the background shows in a comparison with the untouched parts of all presses
-    picture = presses.background
-    still = Reference(picture.astype(np.float32), 0.0, float((picture >= SATURATED).mean()), 0)
-    touched = assess_reference(still, drift_since(still, look.look.background))
-    if touched.reasons:
-        cure = "background: take it again if anything touched the gel; give 30 frames without contact"
-        touched += Assessment(doubts=(f"{cure} with --untouched",))
-    assessment += touched
-    if scale is not None:
-        assessment += scale.assessment
-    elif mm_per_px is None:
-        assessment += Assessment(
-            doubts=("mm per px is a DIGIT's nominal 0.06: give --mm-per-px, or x_mm and y_mm in catalog.csv",)
-        )
+    mapped = not (fit.assessment.refusals and scale.fitted)
     rows, columns = fit.map.shape
-    value: dict[str, object] = {
-        "image_height": rows, "image_width": columns, "mm_per_px": (across, along)
-    }  # fmt: skip
-    if scale is not None:
-        value["pixel_aspect"] = scale.pixel_aspect
-    if mapped:
-        value["gradient_map"] = {
-            "features": "log colour change x place, calibration.gel.gradient_map",
-            "weights": fit.map.weights,
-        }
+    weights = {
+        "features": "log colour change x place, calibration.gel.gradient_map",
+        "weights": fit.map.weights,
+    }
     about = {
         "serial": serial,
         "balls_mm": sorted({2.0 * p.radius_mm for p in presses.pressed}),
@@ -121,18 +129,49 @@ def tactile_from_folder(
         "held_out_grey": {p.id: round(p.rms_grey, 2) for p in look.held_out},
         "error_share": round(look.error_share, 3),
     }
-    quality, numbers = _figures(fit, (across, along), scale, look)
     return replace(
         result,
-        assessment=assessment,
-        value=value | {"look": f"tactile-{serial}.npz"},
-        quality=quality,
-        numbers=numbers,
+        assessment=_assess_map(fit.assessment, mapped)
+        + _assess_look(look)
+        + _assess_light(fit, presses.background)
+        + _assess_background(presses.background, look)
+        + scale.assessment,
+        layout={
+            "image_height": rows,
+            "image_width": columns,
+            "look": f"tactile-{serial}.npz",
+            **({"gradient_map": weights} if mapped else {}),
+        },
+        figures=[*_figures_of_scale(scale), *_figures(fit, look)],
         used=len(fit.true_mm),
         rejected=[*presses.rejected, *fit.rejected],
-        pictures=_pictures(fit, presses, scale),
+        pictures=_pictures(fit, presses, scale.fitted),
         attached={".npz": replace(look.look, about=about).packed()},
     )
+
+
+@dataclass(frozen=True, slots=True)
+class Scale:
+    """The scale of a gel along x and y. fitted: to the known moves of the presses; None if it was not."""
+
+    mm_per_px: tuple[float, float]
+    assessment: Assessment = field(default_factory=Assessment)
+    fitted: GelScale | None = None
+
+
+def _scale_of(presses: PressFolder, known: tuple[float, float] | None) -> Scale:
+    """Return the known scale, else that of the presses with known moves, else a DIGIT's, with a doubt."""
+    if known is not None:
+        return Scale(known)
+    moved = [p for p in presses.found if p.id in presses.moves_mm]
+    if not moved:
+        doubt = "mm per px is a DIGIT's nominal 0.06: give --mm-per-px, or x_mm and y_mm in catalog.csv"
+        return Scale(NOMINAL_MM_PER_PX, Assessment(doubts=(doubt,)))
+    moves = np.array([presses.moves_mm[p.id] for p in moved])
+    centres = np.array([rim_centre(p) for p in moved])
+    found = fit_scale(moves, centres, np.array([p.radius_mm for p in moved]))
+    across, along = (float(v) for v in found.mm_per_px)
+    return Scale((across, along), found.assessment, found)
 
 
 def _require_gel(background: Image, mm_per_px: tuple[float, float]) -> None:
@@ -146,6 +185,13 @@ def _require_gel(background: Image, mm_per_px: tuple[float, float]) -> None:
             f"gel scale: the longer side of the picture is {side_mm:.3g} mm; gels have {low:g} to {high:g} "
             f"mm: x_mm and y_mm (or --mm-per-px) are not in mm{guess}"
         )
+
+
+def _assess_map(assessment: Assessment, mapped: bool) -> Assessment:
+    """Return the doubts of a colour map that is left out; a scale from known moves is valid without it."""
+    if mapped:
+        return assessment
+    return Assessment(doubts=tuple(f"colour map left out: {reason}" for reason in assessment.reasons))
 
 
 def _assess_look(fit: LookFit) -> Assessment:
@@ -174,7 +220,7 @@ def unpressed_fields(
     ]
 
 
-def _dark_or_saturated(fit: BallFit, background: Image) -> Assessment:
+def _assess_light(fit: BallFit, background: Image) -> Assessment:
     """Return dark or saturated colours as the reason for a failed or doubtful map."""
     dark = float((background.min(axis=2) < _DARK_GREY).mean())
     bright = float((background.max(axis=2) >= SATURATED).mean())
@@ -189,60 +235,60 @@ def _dark_or_saturated(fit: BallFit, background: Image) -> Assessment:
     return Assessment(doubts=(text,) if lost else ())
 
 
-def _figures(
-    fit: BallFit, mm_per_px: tuple[float, float], scale: GelScale | None, look_fit: LookFit
-) -> tuple[dict[str, object], dict[str, str]]:
-    """Return quality and numbers of a gel."""
-    look, held_out, errors = look_fit.look, look_fit.held_out, fit.radius_error()
-    quality: dict[str, object] = {
-        "normal_rms_held_out": fit.normal_rms,
-        "null_rms": fit.null_rms,
-        "held_out_radius_mm": fit.held_out_mm,
-        "radius_error": {f"{radius:g} mm": error for radius, error in errors.items()},
+def _assess_background(background: Image, look: LookFit) -> Assessment:
+    """Compare the background with the untouched parts of all presses, which shows a contact in it."""
+    still = Reference(background.astype(np.float32), 0.0, float((background >= SATURATED).mean()), 0)
+    touched = assess_reference(still, drift_since(still, look.look.background))
+    if touched.reasons:
+        cure = "background: take it again if anything touched the gel; give 30 frames without contact"
+        touched += Assessment(doubts=(f"{cure} with --untouched",))
+    return touched
+
+
+def _figures_of_scale(scale: Scale) -> list[Figure]:
+    found, label = scale.fitted, "scale along x, y"
+    if found is None:
+        return [Figure("mm_per_px", scale.mm_per_px, label, ".5f", "mm per px", top=True)]
+    return [
+        Figure("mm_per_px", scale.mm_per_px, label, ".5f", "mm per px", sigma=found.sigma, top=True),
+        Figure("pixel_aspect", found.pixel_aspect, "pixel, width over height", ".4f",
+               sigma=found.aspect_sigma, top=True),
+        Figure("moves_missed_px", found.residual_px),
+    ]  # fmt: skip
+
+
+def _figures(fit: BallFit, look_fit: LookFit) -> list[Figure]:
+    """Return the figures of the colour map and of the look."""
+    look, held_out = look_fit.look, look_fit.held_out
+    errors = {f"ball of {2 * radius:g} mm": error for radius, error in fit.radius_error().items()}
+    measured = {
+        "from their circles": [p.rms_grey for p in held_out],
+        "circles adjusted": [p.adjusted_grey for p in held_out],
+        "of a change of": [p.change_grey for p in held_out],
     }
-    across, along = mm_per_px
-    numbers = {"scale along x, y": f"{across:.5f}, {along:.5f} mm per px"}
-    if scale is not None:
-        quality |= {
-            "mm_per_px_sigma": scale.sigma,
-            "pixel_aspect_sigma": scale.aspect_sigma,
-            "moves_missed_px": scale.residual_px,
-        }
-        sx, sy = scale.sigma
-        numbers["scale along x, y"] = f"{across:.5f} ± {sx:.5f}, {along:.5f} ± {sy:.5f} mm per px"
-        numbers["pixel, width over height"] = f"{scale.pixel_aspect:.4f} ± {scale.aspect_sigma:.4f}"
-    quality |= {
-        "look_error_share": look_fit.error_share,
-        "look_held_out_grey": {p.id: p.rms_grey for p in held_out},
-        "look_held_out_adjusted_grey": {p.id: p.adjusted_grey for p in held_out},
-        "colour_change_grey": {p.id: p.change_grey for p in held_out},
-        "noise_grey": look.noise.sigma_grey,
-    }
-    for radius, error in errors.items():
-        numbers[f"balls of {2 * radius:g} mm, left out"] = f"{100 * error:+.1f} % in radius (median)"
-    given, adjusted, change = (
-        float(np.sqrt(np.mean(np.square(values))))
-        for values in zip(*((p.rms_grey, p.adjusted_grey, p.change_grey) for p in held_out), strict=True)
-    )
+    rms_grey = {name: float(np.sqrt(np.mean(np.square(values)))) for name, values in measured.items()}
     terms = [f"place to degree {look.place_degree}"]
     terms += ["local background"] if look.by_background else []
     terms += ["light lost beside a dent"] if look.shadows else []
-    median, worst, (worst_x, worst_y) = visibility(look)
-    return quality, numbers | {
-        "slope where nothing touches": f"{fit.null_rms:.4f}",
-        "error of a normal's part, left out": f"{fit.normal_rms:.4f}",
-        "look, colour error of presses left out": (
-            f"{given:.1f} grey from their circles, {adjusted:.1f} with circles adjusted, of a change of "
-            f"{change:.1f}"
-        ),
-        "look, terms that presses left out support": ", ".join(terms),
-        "noise (R, G, B)": ", ".join(f"{sigma:.1f}" for sigma in look.noise.sigma_grey) + " grey",
-        "colour change by a slope of 0.1 in the direction that shows least": (
-            f"{median:.1f} sigma of the noise (median over the gel), {worst:.1f} at worst, at "
-            f"x, y = ({worst_x:.0f}, {worst_y:.0f}) px"
-        ),
-        "JPEG quality": "no compression found" if look.jpeg_quality is None else str(look.jpeg_quality),
-    }
+    median, worst, place_px = visibility(look)
+    quality = "no compression found" if look.jpeg_quality is None else look.jpeg_quality
+    shows = "sigma of the noise by which a slope of 0.1 changes a colour, in the direction that shows least"
+    return [
+        Figure("radius_error", errors, "error in radius of balls left out (median)", "+.1f", "%", 100.0),
+        Figure("held_out_radius_mm", fit.held_out_mm),
+        Figure("null_rms", fit.null_rms, "slope where nothing touches", ".4f"),
+        Figure("normal_rms_held_out", fit.normal_rms, "error of a normal's part, left out", ".4f"),
+        Figure("look_error_share", look_fit.error_share),
+        Figure("look_held_out_grey", {p.id: p.rms_grey for p in held_out}),
+        Figure("look_held_out_adjusted_grey", {p.id: p.adjusted_grey for p in held_out}),
+        Figure("colour_change_grey", {p.id: p.change_grey for p in held_out}),
+        Figure("", rms_grey, "look, colour error of presses left out", ".1f", "grey"),
+        Figure("", ", ".join(terms), "look, terms that presses left out support"),
+        Figure("noise_grey", look.noise.sigma_grey, "noise (R, G, B)", ".1f", "grey"),
+        Figure("", {"median": median, "worst": worst}, shows, ".1f"),
+        Figure("", place_px, "x, y where a slope shows least", ".0f", "px"),
+        Figure("", quality, "JPEG quality"),
+    ]  # fmt: skip
 
 
 def _pictures(fit: BallFit, presses: PressFolder, scale: GelScale | None) -> list[Picture]:
@@ -253,7 +299,7 @@ def _pictures(fit: BallFit, presses: PressFolder, scale: GelScale | None) -> lis
         grey, vectors = cv2.cvtColor(presses.background, cv2.COLOR_RGB2GRAY), -scale.missed_px
         text = "Each arrow points from the position of a contact by motion and scale to the measured one."
         pictures.append(
-            figures.residuals(
+            charts.residuals(
                 "Residuals of the scale", text, scale.centres_px - vectors, vectors, grey.shape[::-1],
                 np.asarray(grey, np.uint8),
             )
@@ -272,18 +318,19 @@ def _pictures(fit: BallFit, presses: PressFolder, scale: GelScale | None) -> lis
     of_slopes = f"{press.id}: the slope dz/dx that the colour map estimates."
     return [
         *pictures,
-        figures.bars("Ball diameter of each press left out", of_balls, balls, "diameter, mm"),
-        figures.curves("Where the balls were pressed", of_places, places, "x, px", "up, px", "."),
-        figures.field("Slopes of one press", of_slopes, slopes, (columns, rows), "dz/dx"),
+        charts.bars("Ball diameter of each press left out", of_balls, balls, "diameter, mm"),
+        charts.curves("Where the balls were pressed", of_places, places, "x, px", "up, px", "."),
+        charts.field("Slopes of one press", of_slopes, slopes, (columns, rows), "dz/dx"),
     ]
 
 
-def collect_tactile(station: Station, balls_mm: Sequence[float], count: int) -> list[CalibrationResult]:
-    """Press balls, each `count` times; without balls take frames at rest.
+def collect_tactile(station: Station, options: TactileOptions) -> list[CalibrationResult]:
+    """Press balls several times each; without balls take frames at rest.
 
     Raises as `collect_presses` and `collect_references` do.
     """
-    return collect_presses(station, balls_mm, count) if balls_mm else collect_references(station)
+    balls_mm = options.balls_mm
+    return collect_presses(station, balls_mm, options.presses) if balls_mm else collect_references(station)
 
 
 def collect_references(station: Station) -> list[CalibrationResult]:
@@ -293,7 +340,8 @@ def collect_references(station: Station) -> list[CalibrationResult]:
     Raises `DeviceError`, `CalibrationError` for a sensor that is touched, dark or frozen.
     """
     results = []
-    with station.connected("Nothing moves; the fingertips take frames without contact.") as (bench, _):
+    introduction = "Nothing moves; the fingertips take frames without contact."
+    with station.connected(introduction, asks=False) as (bench, _):
         for tip in bench.fingertips:
             frames = [frame.image for frame in capture_still(bench, tip.sensor, _FRAMES, station.show)]
             serial = tip.sensor.serial
@@ -310,7 +358,8 @@ def collect_presses(station: Station, balls_mm: Sequence[float], count: int) -> 
     ruler. Raises `InputError` for balls the fingers cannot take, `OperatorStopError`, `DeviceError`.
     """
     config = station.config
-    if not balls_mm or min(balls_mm) < 2.0 or max(balls_mm) > 30.0:
+    require_parts(config, "rig calibrate tactile --ball-mm")
+    if min(balls_mm) < 2.0 or max(balls_mm) > 30.0:
         raise InputError(
             f"balls of {list(balls_mm)} mm: diameters of 2 to 30 mm make a print of a gel's size"
         )
@@ -344,7 +393,7 @@ def collect_presses(station: Station, balls_mm: Sequence[float], count: int) -> 
     for serial, folder in folders.items():
         write_table(folder / "catalog.csv", _CATALOG, rows[serial])
     return [
-        tactile_from_folder(folder, serial, None).marked(config.simulated)
+        replace(solve_tactile(Samples(folder), TactileOptions(serial=serial)), simulated=config.simulated)
         for serial, folder in folders.items()
     ]
 
@@ -378,22 +427,25 @@ def _reference_result(reference: Reference, serial: str, folder: Path, simulated
     if not assessment.refusals:
         write_picture(path, mean)
     rows, columns = mean.shape[:2]
-    quality: dict[str, object] = {
-        "noise_grey": reference.noise_grey,
-        "saturated": reference.saturated,
-        "hot_pixels": reference.hot_pixels,
-    }
-    numbers = {"noise": f"{reference.noise_grey:.2f} grey", "saturated": f"{reference.saturated:.2%}"}
+    found = [
+        Figure("noise_grey", reference.noise_grey, "noise", ".2f", "grey"),
+        Figure("saturated", reference.saturated, "saturated", ".2f", "%", 100.0),
+        Figure("hot_pixels", reference.hot_pixels),
+    ]
     if drift is not None:
-        if np.isfinite(drift.gain).all():
-            moved = {"changed": drift.contact_share, "moved_px": drift.moved_px}
-            quality["drift"] = {"gain": drift.gain, **moved}
-        numbers["light since the earlier reference (R, G, B)"] = ", ".join(f"{g:.3f}" for g in drift.gain)
-        numbers["picture that changed shape"] = f"{drift.contact_share:.2%}"
+        gain = drift.gain if np.isfinite(drift.gain).all() else None
+        found += [
+            Figure("light_gain", gain, "light since the earlier reference (R, G, B)", ".3f"),
+            Figure("changed_share", drift.contact_share, "picture that changed shape", ".2f", "%", 100.0),
+            Figure("moved_px", drift.moved_px),
+        ]
     return CalibrationResult(
         "tactile", {"tactile": serial},
         {"image_height": rows, "image_width": columns, "reference_image": path.name}, assessment,
-        source=f"{_FRAMES} frames at rest", quality=quality, numbers=numbers, used=_FRAMES,
+        found, source=f"{_FRAMES} frames at rest", used=_FRAMES,
         files=[path] if path.exists() else [], simulated=simulated, part="reference",
-        pictures=[figures.image("Reference", "The mean of the frames.", mean)],
+        pictures=[charts.image("Reference", "The mean of the frames.", mean)],
     )  # fmt: skip
+
+
+TACTILE = Kind("tactile", TactileOptions, "samples", solve_tactile, collect_tactile)

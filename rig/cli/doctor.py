@@ -34,7 +34,7 @@ def doctor(options: DoctorOptions) -> None:
     """
     from rig.config import load_bench
     from rig.doctor.examination import examine
-    from rig.doctor.finding import print_findings
+    from rig.doctor.finding import print_findings, verdict_on
 
     config = load_bench(options.bench)
     simulated = mark(config.simulated)
@@ -46,6 +46,6 @@ def doctor(options: DoctorOptions) -> None:
             {"bench": config.name, "simulated": config.simulated, "findings": [asdict(f) for f in findings]}
         )
     else:
-        print_findings(f"{simulated}bench '{config.name}'", findings)
-    if any(finding.verdict == "failure" for finding in findings):
+        print_findings(findings, f"{simulated}bench '{config.name}': {verdict_on(findings)}")
+    if any(finding.failed for finding in findings):
         raise typer.Exit(Exit.FAULT)

@@ -167,26 +167,29 @@ def watched(
 
 
 def dry_run(config: "BenchConfig", plan: "Plan", json: bool) -> None:
-    """Read every device of the bench and print the readings and the plan.
+    """Read every device of the bench; print the first findings of `rig doctor`, and the plan.
 
-    Always raises `typer.Exit`: with 1 if a device cannot be read, else with 2 if a step of the plan would be
+    Always raises `typer.Exit`: with 1 if a device cannot be used, else with 2 if a step of the plan would be
     refused, else with 0.
     """
-    from rig.bench.source import read_devices, reserved, unconnected_bench
+    from rig.bench.findings import first_findings
+    from rig.bench.source import reserved, unconnected_bench
+    from rig.doctor.finding import print_findings
 
     begin_phase("reading the devices")
     with reserved(config), unconnected_bench(config) as bench:
-        readings = read_devices(bench)
-    silent = [reading for reading in readings if reading.problem]
+        findings = first_findings(bench, config)
     figures = {
         "dry_run": True,
         "bench": config.name,
         "simulated": config.simulated,
-        "devices": [asdict(reading) for reading in readings],
+        "findings": [asdict(finding) for finding in findings],
         "plan": list(plan.lines),
         "refused": list(plan.refused),
     }
-    read = [f"  {reading.problem or f'{reading.device}: {reading.seen}'}" for reading in readings]
-    print_result(json, figures, "Devices (only read):", *read, plan.text())
+    if not json:
+        print_findings(findings)
+    print_result(json, figures, plan.text())
     say("dry run: nothing was moved or stored")
-    raise typer.Exit(Exit.FAULT if silent else Exit.USAGE if plan.refused else Exit.DONE)
+    failed = any(finding.failed for finding in findings)
+    raise typer.Exit(Exit.FAULT if failed else Exit.USAGE if plan.refused else Exit.DONE)

@@ -1,18 +1,17 @@
 """The doctor's checks of the arm and the gripper: connection, state, timing. Nothing moves."""
 
 import math
-from collections.abc import Callable
-from typing import TypeVar
 
 import numpy as np
 
 from drivers.bench import Bench
 from drivers.clock import NS_PER_S, Clock, to_ns
 from drivers.errors import RigError
-from drivers.interfaces import Arm, Device, Gripper
-from drivers.types import BASIC_MODE, ArmMode
+from drivers.interfaces import Arm, Gripper
+from drivers.types import ArmMode
+from rig.bench.findings import Finding, Severity, assess, reach, read_gripper, read_slider
 from rig.config import ArmConfig
-from rig.doctor.finding import Finding, Severity, judged, percentiles_ms, percentiles_text
+from rig.doctor.finding import percentiles_ms, percentiles_text
 
 POLL_S = 0.0005
 """Interval at which the arm's state is polled: shorter than the 2 ms between states."""
@@ -24,15 +23,14 @@ several requests each."""
 DRIFT_PPM = 200.0
 """Highest accepted drift between the controller's clock and this computer's."""
 
-Answer = TypeVar("Answer")
-
 
 def look_at_arm(bench: Bench, config: ArmConfig, duration_s: float) -> list[Finding]:
     """Connect, identify, and measure the state stream for a while; the arm stays connected."""
     findings: list[Finding] = []
-    state = connected("arm", bench.arm, bench.arm.state, bench.clock, findings)
+    state = reach("arm", bench.arm, bench.arm.state, bench.clock, findings)
     if state is None:
         return findings
+    findings.append(read_slider(bench.arm))
     findings.append(_mode(state.mode))
     if not config.force_sensor:
         todo = "keep a hand on the emergency stop: the way down is not guarded"
@@ -48,43 +46,12 @@ def look_at_arm(bench: Bench, config: ArmConfig, duration_s: float) -> list[Find
 def look_at_gripper(bench: Bench, duration_s: float) -> list[Finding]:
     """Connect, identify, and time requests for a while; the gripper is not activated."""
     findings: list[Finding] = []
-    state = connected("gripper", bench.gripper, bench.gripper.state, bench.clock, findings)
-    if state is None:
+    if not read_gripper(bench.gripper, bench.clock, findings):
         return findings
-    activated = "activated" if state.activated else "not activated (each trial asks first)"
-    seen = f"{activated}, fingers {1e3 * state.opening_m:.1f} mm apart"
-    findings.append(Finding("gripper", "state", Severity.GOOD if state.activated else Severity.NOTE, seen))
-    if state.mode != BASIC_MODE:
-        todo = f"each trial asks to activate it in {BASIC_MODE} mode before the first motion"
-        findings.append(Finding("gripper", "grasp mode", Severity.WARNING, state.mode, todo))
     try:
         return findings + _requests(bench.gripper, bench.clock, duration_s)
     except RigError as error:
         return [*findings, Finding("gripper", "requests", Severity.FAILURE, str(error))]
-
-
-def connected(
-    device: str, driver: Device, read: Callable[[], Answer], clock: Clock, findings: list[Finding]
-) -> Answer | None:
-    """Connect a device, and return its first answer; None if it has none.
-
-    findings: gets the device's identity, or its driver's message, which contains the advice.
-    """
-    began = clock.now_ns()
-    try:
-        driver.connect()
-        answer = read()
-    except RigError as error:
-        seen, _, todo = str(error).partition("; ")
-        todo = todo or "check power, cable and address"
-        findings.append(Finding(device, "reached", Severity.FAILURE, seen, todo))
-        return None
-    took_s, identity = (clock.now_ns() - began) / NS_PER_S, driver.identity()
-    text = ", ".join(f"{key} {value}" for key, value in identity.items() if value)
-    seen = f"after {took_s:.2f} s" + (f": {text}" if text else "")
-    figures = {"connect_s": took_s, **identity}
-    findings.append(Finding(device, "reached", Severity.GOOD, seen, figures=figures))
-    return answer
 
 
 def _mode(mode: ArmMode) -> Finding:
@@ -94,7 +61,7 @@ def _mode(mode: ArmMode) -> Finding:
         ArmMode.EMERGENCY_STOP: "clear the cause, unlock the emergency stop, restart the arm on the pendant",
         ArmMode.UNKNOWN: "power the arm on and release its brakes on the pendant",
     }[mode]
-    return judged("arm", "mode", not todo, mode.value, todo, otherwise=Severity.FAILURE)
+    return assess("arm", "mode", not todo, mode.value, todo, otherwise=Severity.FAILURE)
 
 
 def _stream(arm: Arm, clock: Clock, wanted_hz: float, duration_s: float) -> list[Finding]:
@@ -111,7 +78,7 @@ def _stream(arm: Arm, clock: Clock, wanted_hz: float, duration_s: float) -> list
     good = rate_hz >= RATE_SHARE * wanted_hz
     seen = f"{rate_hz:.1f} of {wanted_hz:g} a second; {percentiles_text(interval)} apart"
     todo = "use a wired network without a switch in between; end other loads here"
-    stream = judged("arm", "state stream", good, seen, todo, {**figures, **interval})
+    stream = assess("arm", "state stream", good, seen, todo, {**figures, **interval})
     return [stream, *_clock(before_s, arm.clock_offset_s(), duration_s)]
 
 
@@ -133,7 +100,7 @@ def _clock(before_s: float | None, after_s: float | None, duration_s: float) -> 
     seen = f"controller's time is {after_s:+.4f} s from ours, drifts by {drift:+.0f} us/s"
     good = abs(drift) <= DRIFT_PPM
     todo = "nothing when the stream is slow too; otherwise measure for longer with --seconds"
-    return [judged("arm", "clock", good, seen, todo, {"offset_s": after_s, "drift_ppm": drift})]
+    return [assess("arm", "clock", good, seen, todo, {"offset_s": after_s, "drift_ppm": drift})]
 
 
 def _requests(gripper: Gripper, clock: Clock, duration_s: float) -> list[Finding]:
@@ -149,4 +116,4 @@ def _requests(gripper: Gripper, clock: Clock, duration_s: float) -> list[Finding
     good = figures["p99_ms"] <= SLOW_REQUEST_MS
     seen = f"{len(taken)} requests, {percentiles_text(figures)}"
     todo = "check cable and termination, take other masters off the bus"
-    return [judged("gripper", "Modbus requests", good, seen, todo, {"requests": len(taken), **figures})]
+    return [assess("gripper", "Modbus requests", good, seen, todo, {"requests": len(taken), **figures})]

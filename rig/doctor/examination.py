@@ -12,12 +12,12 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 from drivers.errors import CalibrationError, DeviceError, InputError, RecordingError
+from rig.bench.findings import Finding, Severity, assess
 from rig.bench.source import reserved, unconnected_bench
 from rig.config import BenchConfig
 from rig.config.extras import pip_line
 from rig.config.parts import lacking, working
 from rig.doctor.actuators import look_at_arm, look_at_gripper
-from rig.doctor.finding import Finding, Severity, judged
 from rig.doctor.streams import look_at_streams
 from rig.terminal.screen import begin_phase
 
@@ -55,8 +55,8 @@ def look_at_disk(folder: Path) -> list[Finding]:
     full = f"45 lifts take up to {CAMPAIGN_BYTES / 1e9:g} GB: make room"
     free_text, figures = f"{free / 1e9:.1f} GB free", {"free_gb": free / 1e9}
     return [
-        judged("disk", "speed", rate >= LEAST_MB_S, seen, slow, {"written_mb_s": rate}),
-        judged("disk", "free space", free >= CAMPAIGN_BYTES, free_text, full, figures),
+        assess("disk", "speed", rate >= LEAST_MB_S, seen, slow, {"written_mb_s": rate}),
+        assess("disk", "free space", free >= CAMPAIGN_BYTES, free_text, full, figures),
     ]
 
 
@@ -75,7 +75,7 @@ def look_at_packages(config: BenchConfig) -> list[Finding]:
     python = f"Python {sys.version.split()[0]}, {os.cpu_count()} cores"
     seen = f"{python}{', ' + text if text else ''}"
     todo = f"{pip_line('bench')} (ur-rtde: with Python 3.12 on Linux x86-64, or from source)"
-    software = judged("computer", "software", not missing, seen, todo, otherwise=Severity.FAILURE)
+    software = assess("computer", "software", not missing, seen, todo, otherwise=Severity.FAILURE)
     return [*findings, software]
 
 

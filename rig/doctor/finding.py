@@ -1,8 +1,6 @@
-"""Findings of the doctor, with advice, and how they are printed."""
+"""Print findings with their advice; percentiles of durations."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from enum import StrEnum
 from textwrap import wrap
 
 import numpy as np
@@ -10,45 +8,8 @@ from numpy.typing import ArrayLike
 from rich.text import Text
 
 from drivers.errors import counted
+from rig.bench.findings import Finding
 from rig.terminal.tables import table_console
-
-
-class Severity(StrEnum):
-    """Severity of a finding."""
-
-    GOOD = "good"
-    WARNING = "warning"
-    FAILURE = "failure"
-    NOTE = "note"
-
-
-@dataclass(frozen=True, slots=True)
-class Finding:
-    """Result of one check: device, check, observation and advice (empty if none is needed).
-
-    figures: the numbers in `seen`, for scripts; units are in the names.
-    """
-
-    device: str
-    check: str
-    verdict: Severity
-    seen: str
-    todo: str = ""
-    figures: Mapping[str, float | int | str | None] = field(default_factory=dict)
-
-
-def judged(
-    device: str,
-    check: str,
-    good: bool,
-    seen: str,
-    todo: str,
-    figures: Mapping[str, float | int | str | None] | None = None,
-    otherwise: Severity = Severity.WARNING,
-) -> Finding:
-    """Return a good finding, or one of severity `otherwise` with advice `todo`."""
-    verdict = Severity.GOOD if good else otherwise
-    return Finding(device, check, verdict, seen, "" if good else todo, figures or {})
 
 
 def percentiles_ms(durations_s: ArrayLike) -> dict[str, float]:
@@ -70,8 +31,8 @@ LEAST_ROOM = 24
 """Fewest characters for the text of a finding beside its name."""
 
 
-def print_findings(bench: str, findings: Sequence[Finding]) -> None:
-    """Print each check, failures first, then the verdict, then the advice."""
+def print_findings(findings: Sequence[Finding], verdict: str = "") -> None:
+    """Print each check, failures first, then a verdict, then the advice."""
     console = table_console()
     devices, checks = (max(len(text) for text in texts) for texts in zip(*map(_name, findings), strict=True))
     order = list(COLOURS)
@@ -84,7 +45,8 @@ def print_findings(bench: str, findings: Sequence[Finding]) -> None:
         for rest in more:
             line.append(f"\n{rest}", "default")
         console.print(line, soft_wrap=True)
-    console.print(Text(f"{bench}: {_verdict(findings)}", "bold"))
+    if verdict:
+        console.print(Text(verdict, "bold"))
     cures: dict[str, list[str]] = {}
     for finding in findings:
         if finding.todo:
@@ -105,7 +67,7 @@ def _name(finding: Finding) -> tuple[str, str]:
     return finding.device, finding.check
 
 
-def _verdict(findings: Sequence[Finding]) -> str:
+def verdict_on(findings: Sequence[Finding]) -> str:
     """Return whether the bench is fit for a trial, or for its own commands, and count the problems."""
     counts = {kind: sum(each.verdict == kind for each in findings) for kind in ("failure", "warning")}
     use = "what this bench can do" if any(each.device == "bench" for each in findings) else "a trial"

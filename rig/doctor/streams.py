@@ -3,7 +3,6 @@
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -14,13 +13,11 @@ from drivers.images import encode_png
 from drivers.interfaces import FrameSource
 from drivers.tally import FrameTally
 from drivers.types import Frame
-from rig.doctor.actuators import connected
-from rig.doctor.finding import Finding, Severity, judged, percentiles_ms, percentiles_text
+from rig.bench.findings import Finding, Severity, assess, assess_picture, read_source
+from rig.doctor.finding import percentiles_ms, percentiles_text
 
 RATE_SHARE = 0.97
 """Lowest accepted fraction of the requested frame rate."""
-FIRST_FRAME_S = 5.0
-"""Time limit of the first frame: drivers discard frames after opening; some sensors take seconds to start."""
 FRAME_S = 0.5
 OLD_MS = 50.0
 """Highest accepted 95th percentile of a frame's age when it is read."""
@@ -55,8 +52,7 @@ def look_at_streams(
     findings: list[Finding] = []
     opened = []
     for source in sources:
-        first = partial(source.next_frame, FIRST_FRAME_S)
-        if connected(source.serial, source, first, clock, findings) is not None:
+        if read_source(source, clock, findings) is not None:
             opened.append(source)
     with ThreadPoolExecutor(max(len(opened), 1)) as pool:
         looks = list(pool.map(lambda source: _watched(source, clock, duration_s), opened))
@@ -64,7 +60,11 @@ def look_at_streams(
         if isinstance(stream, RigError):
             findings.append(Finding(source.serial, "frames", Severity.FAILURE, str(stream)))
             continue
-        findings += [_rate(source, stream), _age(source, stream), _size(source, stream, sizes_px)]
+        findings += [
+            _rate(source, stream),
+            _age(source, stream),
+            assess_picture(stream.last, sizes_px[source.serial]),
+        ]
         findings += _counted(source, stream.counted)
         if snapshot is not None:
             findings.append(_saved(snapshot, stream.last))
@@ -101,27 +101,14 @@ def _rate(source: FrameSource, stream: SourceRecord) -> Finding:
     )
     todo = "give each camera its own USB controller (a hub does not help), or request a lower rate"
     figures = {"rate_hz": rate_hz, "wanted_hz": source.rate_hz, "missed": stream.missed, **interval}
-    return judged(source.serial, "frames", good, seen, todo, figures)
+    return assess(source.serial, "frames", good, seen, todo, figures)
 
 
 def _age(source: FrameSource, stream: SourceRecord) -> Finding:
     figures = percentiles_ms(stream.ages_s)
     todo = "end other loads on this computer; older frames blur the comparison"
     seen = f"read {percentiles_text(figures)} after capture"
-    return judged(source.serial, "latency", figures["p95_ms"] <= OLD_MS, seen, todo, figures)
-
-
-def _size(source: FrameSource, stream: SourceRecord, sizes_px: Mapping[str, tuple[int, int]]) -> Finding:
-    size_px = sizes_px[source.serial]
-    height, width = stream.last.image.shape[:2]
-    brightness = float(stream.last.image.mean())
-    seen = f"{width} x {height} px, mean brightness {brightness:.0f} of 255"
-    figures = {"width_px": width, "height_px": height, "brightness": brightness}
-    if (width, height) != size_px:
-        todo = f"the bench file has {size_px[0]} x {size_px[1]}: correct it, or choose another rate"
-        return Finding(source.serial, "picture", Severity.FAILURE, seen, todo, figures)
-    todo = "take the cap off, or check the LEDs"
-    return judged(source.serial, "picture", brightness >= 8.0, seen, todo, figures)
+    return assess(source.serial, "latency", figures["p95_ms"] <= OLD_MS, seen, todo, figures)
 
 
 def _counted(source: FrameSource, counted: dict[str, int]) -> list[Finding]:
@@ -130,7 +117,7 @@ def _counted(source: FrameSource, counted: dict[str, int]) -> list[Finding]:
     amiss = {name: count for name, count in counted.items() if count and name not in ("frames", "warm_up")}
     seen = ", ".join(f"{count} {name}" for name, count in amiss.items()) or "no problems counted"
     todo = "check the cable and the plug; replug the sensor"
-    return [judged(source.serial, "counters", not amiss, seen, todo, counted)]
+    return [assess(source.serial, "counters", not amiss, seen, todo, counted)]
 
 
 def _saved(folder: Path, frame: Frame) -> Finding:

@@ -1,7 +1,6 @@
 """The local page on which a person draws lines, served only on the loopback until labels are written."""
 
 import json
-import secrets
 from functools import partial
 from http import HTTPStatus
 from typing import Any
@@ -21,27 +20,24 @@ from rig.labels.angle_lines import (
     labels_csv,
 )
 from rig.pages.page import render
-from rig.pages.requests import FORBIDDEN, LOOPBACK, NOT_FOUND, Answer, Request
+from rig.pages.requests import LOOPBACK, NOT_FOUND, Answer, Request
 from rig.pages.serving import PageProcess
 from rig.sessions.files import write_file
 
 MOST_BYTES = 1000
 """Size limit of a request; a click has about a hundred bytes."""
-TOKEN = "x-rig-token"  # noqa: S105 - its name
-"""Header with the token. Pages of other sites cannot send it, because browsers require a permission first."""
 
 
 class AngleServer:
     """Serves the page of one clip from a separate process, until labels are written or it is closed.
 
-    log: stores the clicks; `labels.csv` is written beside its file. address: URL of the page. The token is
-    its fragment, which browsers do not send. A context manager: the server stops at its end.
+    log: stores the clicks; `labels.csv` is written beside its file. address: URL of the page, with its key. A
+    context manager: the server stops at its end.
     """
 
     def __init__(self, clip: ClipToLabel, log: LineLog) -> None:
-        self.token = secrets.token_urlsafe(12)
-        self._process = PageProcess(partial(AnglePage, clip, log, self.token), (LOOPBACK, 0))
-        self.address = f"http://{LOOPBACK}:{self._process.port}/#{self.token}"
+        self._process = PageProcess(partial(AnglePage, clip, log), (LOOPBACK, 0), keyed=True)
+        self.address = f"http://{LOOPBACK}:{self._process.port}/?{self._process.access.query}"
 
     def __enter__(self) -> "AngleServer":
         return self
@@ -56,10 +52,10 @@ class AngleServer:
 
 
 class AnglePage:
-    """The page's request handler, in the server's process. token: required for all but the empty page."""
+    """The page's request handler, in the server's process."""
 
-    def __init__(self, clip: ClipToLabel, log: LineLog, token: str) -> None:
-        self._clip, self._log, self._token = clip, log, token
+    def __init__(self, clip: ClipToLabel, log: LineLog) -> None:
+        self._clip, self._log = clip, log
         self._html = render("rig.labels", "angle_page.html").encode()
 
     def answer(self, request: Request) -> Answer:
@@ -67,8 +63,6 @@ class AnglePage:
         path = request.path.removeprefix("/")
         if request.method == "GET" and path == "":
             return Answer(self._html, "text/html; charset=utf-8")
-        if not secrets.compare_digest(request.header(TOKEN).encode(), self._token.encode()):
-            return FORBIDDEN
         if request.method == "GET":
             if path != "clip":
                 return self._picture(path)
@@ -76,7 +70,7 @@ class AnglePage:
             known = {"name": self._clip.name, "frames": choice.frames, "reference": choice.reference}
             return _json({**known, "width": width, "height": height, "state": self._state()})
         if request.method == "POST" and path in ("click", "undo", "write"):
-            return self._done(path, request.body)
+            return self._act(path, request.body)
         return NOT_FOUND
 
     def take(self, message: bytes) -> None:
@@ -102,7 +96,7 @@ class AnglePage:
         shown = image if kind == "frame" else difference(image, self._clip.background)
         return Answer(encode_png(shown), "image/png")
 
-    def _done(self, what: str, sent: bytes) -> Answer:
+    def _act(self, what: str, sent: bytes) -> Answer:
         """Carry out an action of the page: `click`, `undo` or `write`."""
         try:
             if len(sent) > MOST_BYTES:

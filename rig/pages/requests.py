@@ -79,8 +79,8 @@ class Access:
     """Who may use a page.
 
     names: host names under which the page is requested; empty for all. key: secret that each request must
-    contain, in the query of the address or in the cookie that this address sets; "" if only this computer can
-    reach the page. port: of the page; cookies of pages at other ports of a host have other names.
+    contain, in the query of the address or in the cookie that this address sets; "" if everybody at this
+    computer may use the page. port: of the page; cookies of pages at other ports of a host have other names.
     """
 
     names: frozenset[str]
@@ -88,12 +88,16 @@ class Access:
     port: int
 
     @classmethod
-    def of(cls, listening: socket.socket) -> "Access":
-        """Return who may use the page at a socket; with a new key unless the address is a loopback one."""
+    def of(cls, listening: socket.socket, keyed: bool = False) -> "Access":
+        """Return who may use the page at a socket.
+
+        keyed: whether a page that only this computer can reach has a key, too, against other users of it. A
+        page that other computers can reach always has one.
+        """
         address, port = listening.getsockname()
-        if ipaddress.ip_address(address).is_loopback:
-            return cls(frozenset({"localhost", LOOPBACK, address}), "", port)
-        return cls(frozenset(), secrets.token_urlsafe(16), port)
+        local = ipaddress.ip_address(address).is_loopback
+        key = secrets.token_urlsafe(16) if keyed or not local else ""
+        return cls(frozenset({"localhost", LOOPBACK, address} if local else ()), key, port)
 
     @property
     def query(self) -> str:

@@ -163,14 +163,15 @@ async def _read(reader: asyncio.StreamReader) -> Request | None:
 class PageProcess:
     """Serves a page at `host` and `port` in another process until it is closed.
 
-    make: makes the `Page` in that process; must be picklable. at: host and port, 0 for a free port. access:
-    who may use the page. Raises `OSError` or `UnicodeError` if the address cannot be used.
+    make: makes the `Page` in that process; must be picklable. at: host and port, 0 for a free port. keyed:
+    see `Access.of`. access: who may use the page. Raises `OSError` or `UnicodeError` if the address cannot
+    be used.
     """
 
-    def __init__(self, make: Callable[[], Page], at: tuple[str, int]) -> None:
+    def __init__(self, make: Callable[[], Page], at: tuple[str, int], keyed: bool = False) -> None:
         with socket.create_server(at, backlog=BACKLOG) as listening:
             self.host, self.port = listening.getsockname()
-            self.access = Access.of(listening)
+            self.access = Access.of(listening, keyed)
             self._program, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
             self._program.setblocking(False)
             with theirs:

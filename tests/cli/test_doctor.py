@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 
+from rig.bench.findings import Finding, Severity
 from rig.config import load_bench
-from rig.doctor.finding import Finding, Severity
 from rig.terminal.tables import PlainConsole
 from support.command_line import rig
 

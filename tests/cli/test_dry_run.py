@@ -37,7 +37,7 @@ def test_dry_run_moves_nothing_and_stores_nothing(
     done = rig(*command, "--dry-run", "--json")
     shown = json.loads(done.stdout)
     assert done.returncode == (2 if shown["refused"] else 0), done.stderr
-    assert {device["device"] for device in shown["devices"]} == {
+    assert {finding["device"] for finding in shown["findings"]} == {
         "arm", "gripper", "SIM-D0001", "SIM-D0002", "SIM-C0001",
     }  # fmt: skip
     assert said in "\n".join(shown["plan"])
@@ -58,7 +58,8 @@ def test_dry_run_reports_refused_motions_and_unreachable_devices(tmp_path: Path)
     write_bench(tmp_path / "bench.toml", BenchConfig.model_validate(values))
     done = rig("trial", "--object", "wrench", "--lifts", "1", "--bench", tmp_path / "bench.toml", "--dry-run")
     assert done.returncode == 1, done.stderr
-    assert "\n  arm: cannot reach 127.0.0.9" in done.stdout
+    assert "cannot reach 127.0.0.9" in done.stdout
+    assert "- arm reached" in done.stdout
     assert "WOULD BE REFUSED: t1/1 wrench: arm: 0.250 m/s is more than 0.2 m/s" in done.stdout
 
 

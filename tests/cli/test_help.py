@@ -12,6 +12,8 @@ from typing import Any
 import pytest
 from typer.core import TyperGroup
 
+from rig.calibrate.kinds import KINDS
+from rig.cli.calibrate import SUMMARIES
 from support.command_line import rig
 from support.documentation import commands, program
 from support.marks import heavy
@@ -57,6 +59,11 @@ def stated(command: Any) -> Iterator[str]:
 @pytest.mark.parametrize("name", program().commands)
 def test_summary_in_the_list_of_commands_is_the_first_paragraph_of_the_help(name: str) -> None:
     assert program().commands[name].help == " ".join(EVERY[name].help.split("\n\n")[0].split())
+
+
+def test_summary_of_a_calibration_is_the_first_paragraph_of_its_help() -> None:
+    first = {name: kind.options.__doc__.split("\n\n")[0] for name, kind in KINDS.items()}
+    assert {name: " ".join(text.split()) for name, text in first.items()} == SUMMARIES
 
 
 @pytest.mark.parametrize("columns", [80, pytest.param(140, marks=pytest.mark.heavy)])

@@ -75,7 +75,7 @@ def test_lines_become_labels_that_the_benchmark_reads(clip: Path, person: Browse
 
 
 @pytest.mark.heavy
-def test_token_is_in_a_file_of_this_user_alone(clip: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_key_is_in_a_file_of_this_user_alone(clip: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     opened: list[str] = []
 
     def browse(way: str) -> bool:
@@ -84,9 +84,9 @@ def test_token_is_in_a_file_of_this_user_alone(clip: Path, monkeypatch: pytest.M
         assert stat.S_IMODE(file.parent.stat().st_mode) == 0o700
         opened.append(way)
         address = address_in(way)
-        token = urlsplit(address).fragment
-        assert len(token) >= 16
-        assert token not in way
+        key = urlsplit(address).query.removeprefix("key=")
+        assert len(key) >= 16
+        assert key not in way
         draw_all(address, [2, 13])
         return ask(address, "write", {})[0] == 200
 

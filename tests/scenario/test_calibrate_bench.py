@@ -3,15 +3,13 @@
 import csv
 from dataclasses import replace
 from pathlib import Path
-from unittest.mock import Mock
 
 import numpy as np
 import pytest
 import yaml
 
 from calibration.hand_eye.solve import Setup
-from calibration.targets.boards import parse_target
-from calibration.verdict import Verdict
+from calibration.verdict import Assessment, Verdict
 from drivers.bench import Bench
 from drivers.clock import to_ns
 from drivers.errors import DeviceError, InputError, OperatorStopError, StaleFrameError
@@ -36,11 +34,12 @@ from rig.bench.assembly import build_bench
 from rig.bench.operators import ConsoleOperator
 from rig.benchmark.wire.campaign import as_real
 from rig.calibrate.bench import Station, grasp_at
-from rig.calibrate.camera import collect_camera
-from rig.calibrate.clocks import WiggleObserver, collect_streams
-from rig.calibrate.gripper import collect_openings, collect_tip, tip_from_folder
-from rig.calibrate.hand_eye import collect_hand_eye
-from rig.calibrate.result import file_result
+from rig.calibrate.camera import CameraOptions, collect_camera
+from rig.calibrate.clocks import SyncOptions, WiggleObserver, collect_streams
+from rig.calibrate.gripper import GripperOptions, TipOptions, collect_openings, collect_tip, solve_tip
+from rig.calibrate.hand_eye import HandEyeOptions, collect_hand_eye
+from rig.calibrate.kind import Samples
+from rig.calibrate.result import CalibrationResult, file_result
 from rig.calibrate.tactile import collect_presses, collect_references
 from rig.config import BenchConfig, load_bench
 from rig.config.write import write_bench
@@ -59,14 +58,14 @@ def flange_tip_m(seed: int) -> tuple[float, ...]:
 
 @pytest.mark.heavy
 def test_calibrated_tip_is_in_the_flange_frame_and_equals_that_of_its_samples(tmp_path: Path) -> None:
-    found = collect_tip(station(tmp_path, seed=3), 10)
-    sigma = np.asarray(found.quality["sigma_m"])
+    (found,) = collect_tip(station(tmp_path, seed=3), TipOptions(poses=10))
+    sigma = np.asarray(found.quality["translation_m_sigma"])
     off = np.abs(np.subtract(found.value["translation_m"], flange_tip_m(3)))
     assert (off < 4 * sigma + 5e-5).all()
     assert sigma.max() < 5e-4
     assert found.value["bench_file_tcp_m"] == pytest.approx([0.0, 0.0, TOOL_LENGTH_M])
     assert found.value["tip_from_tcp_m"] == pytest.approx(list(tip_m(3)), abs=1e-3)
-    again = tip_from_folder(tmp_path / "tcp-samples", "fake")
+    again = solve_tip(Samples(tmp_path / "tcp-samples"), TipOptions())
     assert np.allclose(again.value["translation_m"], found.value["translation_m"], atol=1e-9)
 
 
@@ -95,21 +94,22 @@ def test_calibrated_tip_does_not_depend_on_the_configured_tcp(
     tool = {"tcp_m": (0.0, 0.0, TOOL_LENGTH_M + wrong_m), "tcp_rotation_vector_rad": (0.0, 0.0, np.pi)}
     arm = at.config.arm.model_copy(update=tool)
     at = replace(at, config=at.config.model_copy(update={"arm": arm}))
-    found = collect_tip(at, 10)
+    (found,) = collect_tip(at, TipOptions(poses=10))
     assert found.value["translation_m"] == pytest.approx(list(flange_tip_m(3)), abs=5e-4)
     assert found.assessment.verdict is verdict
 
 
 @pytest.mark.heavy
 def test_blocks_give_the_opening_table_of_the_gripper(tmp_path: Path) -> None:
-    found = collect_openings(station(tmp_path, bench=lighter(tip_hz=15.0)), [20.0, 45.0, 70.0])
+    at = station(tmp_path, bench=lighter(tip_hz=15.0))
+    (found,) = collect_openings(at, GripperOptions([20.0, 45.0, 70.0]))
     limits = load_bench("fake").gripper.limits
     table = found.value["closing"]
     nominal = limits.max_opening_m - (np.asarray(table["counts"]) - 6) * limits.opening_per_count_m
     assert np.abs(np.asarray(table["opening_m"]) - nominal).max() < 1.2 * limits.opening_per_count_m
     assert found.quality["hysteresis_m"] < 2.0 * limits.opening_per_count_m
     with pytest.raises(InputError, match="between the fingers fit"):
-        collect_openings(station(tmp_path), [200.0])
+        collect_openings(station(tmp_path), GripperOptions([200.0]))
 
 
 @pytest.mark.heavy
@@ -125,7 +125,7 @@ def test_wiggle_gives_the_time_offsets_of_camera_and_fingertips(
 
     monkeypatch.setattr(WiggleObserver, "frame", late)
     found = {
-        o.serials["stream"]: o for o in collect_streams(station(tmp_path, bench=lighter()), "gauge:30", 0.5)
+        o.serials["stream"]: o for o in collect_streams(station(tmp_path, bench=lighter()), SyncOptions())
     }
     assert sorted(found) == ["SIM-C0001", "SIM-D0001", "SIM-D0002"]
     for serial, outcome in found.items():
@@ -136,14 +136,14 @@ def test_wiggle_gives_the_time_offsets_of_camera_and_fingertips(
 
 @pytest.mark.heavy
 def test_hand_eye_of_a_camera_in_the_hand_is_found(tmp_path: Path) -> None:
-    found = collect_hand_eye(station(tmp_path), parse_target("marker:60:DICT_4X4_50:0"), Setup.EYE_IN_HAND, 9)
+    (found,) = collect_hand_eye(station(tmp_path), HandEyeOptions(setup=Setup.EYE_IN_HAND, poses=9))
     assert found.value["parent_frame"] == "tcp"
     assert np.allclose(found.value["translation_m"], (0.0121, -0.0616, -0.1074), atol=2e-3)
 
 
 @pytest.mark.heavy
 def test_board_on_the_tool_gives_the_focal_length(tmp_path: Path) -> None:
-    found = collect_camera(station(tmp_path), parse_target("charuco:8x6:25:18:DICT_5X5_100"), 20)
+    (found,) = collect_camera(station(tmp_path), CameraOptions())
     assert str(found.assessment) == "good"  # with the poses that it chose by itself
     sigma = np.asarray(found.quality["sigma"])[0]
     assert found.value["camera_matrix"]["data"][0] == pytest.approx(640.0, abs=4 * sigma)
@@ -166,7 +166,9 @@ def test_ball_presses_give_pixel_aspect_and_scale(tmp_path: Path) -> None:
 @pytest.mark.heavy
 def test_ball_presses_are_stored_for_each_fingertip(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """`tests/cli/test_calibrate.py` solves such a folder."""
-    monkeypatch.setattr("rig.calibrate.tactile.tactile_from_folder", Mock())
+    monkeypatch.setattr(
+        "rig.calibrate.tactile.solve_tactile", lambda *_: CalibrationResult("", {}, {}, Assessment())
+    )
     assert len(collect_presses(station(tmp_path, bench=lighter(tip_hz=15.0)), [12.0], 2)) == 2
     placed = {}
     for serial in ("SIM-D0001", "SIM-D0002"):
@@ -189,8 +191,8 @@ def test_unreadable_real_bench_is_an_error_and_keeps_earlier_samples(tmp_path: P
     earlier = tmp_path / "tcp-samples" / "poses.csv"
     earlier.parent.mkdir()
     earlier.write_text("an afternoon's work")
-    with pytest.raises(DeviceError, match="5 of 5 devices cannot be read, nothing was started"):
-        collect_tip(station(tmp_path, bench=load_bench(str(path))), 4)
+    with pytest.raises(DeviceError, match="5 of 5 devices cannot be used, nothing was started"):
+        collect_tip(station(tmp_path, bench=load_bench(str(path))), TipOptions(poses=4))
     assert earlier.read_text() == "an afternoon's work"
 
 

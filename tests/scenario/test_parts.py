@@ -9,14 +9,14 @@ import cv2
 import numpy as np
 import pytest
 
-from calibration.targets.boards import parse_target
 from drivers.errors import OperatorStopError
 from protocols.grasps import find_grasp_file
 from rig.bench.operators import ConsoleOperator
 from rig.bench.source import session_bench
 from rig.calibrate.bench import Station
-from rig.calibrate.camera import collect_camera
-from rig.calibrate.clocks import collect_streams, sync_from_folder
+from rig.calibrate.camera import CameraOptions, collect_camera
+from rig.calibrate.clocks import SyncOptions, collect_streams, solve_sync
+from rig.calibrate.kind import Samples
 from rig.config import BENCHES, load_bench
 from rig.experiments.record import RecordSettings, run_record
 from rig.sessions.manifest import read_manifest
@@ -177,7 +177,7 @@ def test_camera_alone_is_calibrated_with_a_board_held_by_hand(tmp_path: Path) ->
     # the simulated person holds the board, and is asked nothing
     person = ConsoleOperator(lambda question: pytest.fail(question))
     at = Station(load_bench(str(file)), 0, tmp_path / "c", person, lambda text: None)
-    result = collect_camera(at, parse_target("charuco:8x6:25:18:DICT_5X5_100"), 8)
+    (result,) = collect_camera(at, CameraOptions(poses=8))
     assert result.simulated
     assert len(list((tmp_path / "c" / "camera-samples").glob("*.png"))) == 8
     assert result.value["camera_matrix"]["data"][0] == pytest.approx(640.0, abs=5.0)
@@ -191,7 +191,7 @@ def test_fingertip_is_put_on_the_clock_of_the_camera_by_hand(
     desk.write_text(DESK + EYE.split("\n", 2)[2])
     config = load_bench(str(desk))
     at = Station(config, 0, tmp_path / "c", ConsoleOperator(lambda question: True), lambda text: None)
-    (result,) = collect_streams(at, "gauge:30", 0.5)
+    (result,) = collect_streams(at, SyncOptions())
     assert result.serials == {"reference": "SIM-C0001", "stream": "SIM-D0001"}
     assert result.simulated
     assert result.value["add_to_stream_s"] == pytest.approx(0.0, abs=0.003)
@@ -199,7 +199,7 @@ def test_fingertip_is_put_on_the_clock_of_the_camera_by_hand(
     header, *rows = (samples / "SIM-D0001.csv").read_text().splitlines()
     late = [f"{int(time_ns) + 40_000_000},{value}" for time_ns, value in (row.split(",") for row in rows)]
     (samples / "LATE.csv").write_text("\n".join([header, *late, ""]))
-    moved = sync_from_folder(samples, "SIM-C0001", "LATE", 0.5)
+    moved = solve_sync(Samples(samples), SyncOptions("SIM-C0001", "LATE"))
     assert moved.value["add_to_stream_s"] == pytest.approx(-0.04, abs=0.003)
 
 

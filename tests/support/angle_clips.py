@@ -39,11 +39,11 @@ def true_ends(frame: int) -> list[tuple[float, float]]:
 def ask(address: str, path: str = "", data: Any = None, **headers: str) -> tuple[int, Any]:
     """GET, or POST if there is something to send; return the status and the answer, JSON as a value.
 
-    address: of the page, with its token as the fragment. headers: besides the one with the token.
+    address: of the page, with its key as the query.
     """
-    page, token = address.split("#")
+    page, _, key = address.partition("?")
     body = None if data is None else data if isinstance(data, bytes) else json.dumps(data).encode()
-    asked = urllib.request.Request(page + path, body, {"X-Rig-Token": token, **headers})
+    asked = urllib.request.Request(f"{page}{path}?{key}", body, headers)
     try:
         with urllib.request.urlopen(asked, timeout=120) as answer:
             status, kind, text = answer.status, answer.headers["Content-Type"], answer.read()

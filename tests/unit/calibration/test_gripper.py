@@ -10,7 +10,8 @@ from scipy.spatial.transform import Rotation
 from calibration.gripper import Direction, OpeningSample, calibrate_opening, calibrate_pivot
 from calibration.verdict import Verdict
 from drivers.types import Pose
-from rig.calibrate.gripper import gripper_from_folder
+from rig.calibrate.gripper import GripperOptions, solve_openings
+from rig.calibrate.kind import Samples
 from support.motions import ORDERS, jittered, pivot_scene
 from support.units import IN_MM, units
 
@@ -81,7 +82,7 @@ def test_gripper_table_of_another_unit_is_refused_and_one_in_mm_is_accepted(
                 f"{c},{(150 - mm_per_count * (c - 6)) * scale:.7g},{way}" for way in Direction for c in counts
             ]
             (tmp_path / "gripper.csv").write_text("\n".join(["counts,opening_mm,direction", *rows]))
-            found = gripper_from_folder(tmp_path, "G1")
+            found = solve_openings(Samples(tmp_path), GripperOptions())
             if scale == 1.0:
                 assert found.assessment.verdict is Verdict.GOOD, found.assessment
             else:

@@ -7,11 +7,12 @@ import pytest
 
 from drivers.errors import DeviceError, InputError
 from rig.bench.assembly import build_bench
+from rig.bench.findings import Finding, Severity
 from rig.bench.source import reserved
 from rig.config import BenchConfig, load_bench
 from rig.doctor.actuators import look_at_arm, look_at_gripper
 from rig.doctor.examination import examine, look_at_calibrations, look_at_disk, look_at_usb
-from rig.doctor.finding import Finding, Severity, percentiles_ms
+from rig.doctor.finding import percentiles_ms
 from rig.doctor.streams import look_at_streams
 from support.benches import real_bench_file
 
@@ -87,7 +88,7 @@ def test_unresponsive_device_is_reported_and_checks_continue() -> None:
     bench.arm.connect = refuse  # type: ignore[method-assign]
     (finding,) = look_at_arm(bench, load_bench("fake").arm, 0.1)
     assert (finding.verdict, finding.seen, finding.todo) == (
-        Severity.FAILURE, "arm: nobody at 192.0.2.1", "check the cable",
+        Severity.FAILURE, "nobody at 192.0.2.1", "check the cable",
     )  # fmt: skip
 
 

@@ -10,8 +10,9 @@ from calibration.verdict import Verdict
 from drivers.errors import InputError
 from drivers.images import encode_png, load_image
 from rig.benchmark.segmentation import read_presses
+from rig.calibrate.kind import Samples
 from rig.calibrate.press_folder import read_press_folder
-from rig.calibrate.tactile import tactile_from_folder, unpressed_fields
+from rig.calibrate.tactile import TactileOptions, solve_tactile, unpressed_fields
 from rig.config.load import load_bench, parse_bench
 from support.simulated_gel import SimulatedGel
 from support.units import IN_MM, units
@@ -144,7 +145,7 @@ def test_ball_diameter_of_another_unit_is_refused(unit: str, folder: Path) -> No
 @units
 def test_scale_of_a_gel_in_another_unit_is_refused(unit: str, folder: Path) -> None:
     scale = 0.06 * IN_MM[unit]
-    found = tactile_from_folder(folder, "T1", (scale, scale), ball_mm=8.8)
+    found = solve_tactile(Samples(folder), TactileOptions(mm_per_px=(scale, scale), balls_mm=[8.8]))
     assert found.assessment.verdict is Verdict.REFUSED
     assert unit in str(found.assessment).split("; in ")[1]
 

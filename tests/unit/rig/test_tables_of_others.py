@@ -7,15 +7,13 @@ import pytest
 
 from calibration.gripper import Direction
 from calibration.hand_eye.solve import Setup
-from calibration.targets.boards import parse_target
 from drivers.errors import InputError
-from rig.calibrate.clocks import sync_from_folder
-from rig.calibrate.gripper import gripper_from_folder
-from rig.calibrate.hand_eye import hand_eye_from_folder
+from rig.calibrate.clocks import SyncOptions, solve_sync
+from rig.calibrate.gripper import GripperOptions, solve_openings
+from rig.calibrate.hand_eye import HandEyeOptions, solve_hand_eye
+from rig.calibrate.kind import Samples
 from rig.calibrate.samples import read_poses, read_stream
 from rig.frames.times import times_from_table
-
-TARGET = parse_target("marker:60:DICT_4X4_50:0")
 
 
 def test_stream_with_exponents_keeps_its_times(tmp_path: Path) -> None:
@@ -50,10 +48,10 @@ def test_poses_of_another_frame_than_the_tool_are_refused_for_hand_eye(tmp_path:
         table.write_text(f"id,x_m,y_m,z_m,qx,qy,qz,qw,child_frame\n1,0,0,0.3,0,0,0,1,{frame}\n")
         (tmp_path / "targets.csv").write_text("id,x_m,y_m,z_m,qx,qy,qz,qw\n1,0,0,0.5,0,0,0,1\n")
         if said is None:
-            assert hand_eye_from_folder(tmp_path, TARGET, None, "C1", Setup.EYE_IN_HAND).used == 0
+            assert solve_hand_eye(Samples(tmp_path), HandEyeOptions(setup=Setup.EYE_IN_HAND)).used == 0
         else:
             with pytest.raises(InputError, match=said):
-                hand_eye_from_folder(tmp_path, TARGET, None, "C1", Setup.EYE_IN_HAND)
+                solve_hand_eye(Samples(tmp_path), HandEyeOptions(setup=Setup.EYE_IN_HAND))
 
 
 def test_frame_numbers_with_exponents_are_the_frames(tmp_path: Path) -> None:
@@ -66,7 +64,7 @@ def test_frame_numbers_with_exponents_are_the_frames(tmp_path: Path) -> None:
 @pytest.mark.parametrize("case", ["savetxt", "savetxt_0to30"])
 def test_sync_of_streams_written_by_numpy(real_data: Path, case: str) -> None:
     plain, other = (
-        sync_from_folder(real_data / "field_cases" / "sync" / name, "robot", "camera", 0.5)
+        solve_sync(Samples(real_data / "field_cases" / "sync" / name), SyncOptions())
         for name in ("plain", case)
     )
     assert plain.value["add_to_stream_s"] == pytest.approx(0.037, abs=1e-4)
@@ -79,7 +77,9 @@ def test_blanks_after_commas_change_nothing(real_data: Path) -> None:
     cases = real_data / "field_cases"
     for file in ("poses.csv", "targets.csv"):
         assert read_poses(cases / "hand_eye/spaces" / file) == read_poses(cases / "hand_eye/good" / file)
-    plain, blank = (gripper_from_folder(cases / "gripper" / name, "g") for name in ("mm", "space"))
+    plain, blank = (
+        solve_openings(Samples(cases / "gripper" / name), GripperOptions()) for name in ("mm", "space")
+    )
     closing, plain_closing = blank.value[Direction.CLOSING], plain.value[Direction.CLOSING]
     assert closing["opening_m"].tolist() == plain_closing["opening_m"].tolist()
     assert len(closing["counts"]) > 2

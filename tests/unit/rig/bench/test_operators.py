@@ -77,8 +77,7 @@ def test_nothing_is_connected_before_consent_and_the_question_shows_the_speed_sl
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(UR5e, "speed_fraction", lambda arm: 0.4)
-    monkeypatch.setattr("rig.bench.source._frame_of", lambda source: "a frame")
-    monkeypatch.setattr("rig.bench.source._fingers_of", lambda gripper: "open")
+    monkeypatch.setattr("rig.bench.findings.reach", lambda *_: None)
     monkeypatch.setattr(Bench, "connected", lambda bench: pytest.fail("connected"))
     asked: list[str] = []
     person = ConsoleOperator(lambda question: bool(asked.append(question)))
@@ -87,7 +86,7 @@ def test_nothing_is_connected_before_consent_and_the_question_shows_the_speed_sl
         pytest.raises(OperatorStopError, match="nothing was moved"),
     ):
         benches.begin()
-    assert "arm: speed slider at 40%" in asked[0]
+    assert "arm speed slider: at 40%" in asked[0]
     assert asked[0].endswith("\nThe arm will move. Begin?")
 
 
@@ -96,7 +95,7 @@ def test_second_program_on_a_bench_is_refused_before_any_device_is_read(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
-    monkeypatch.setattr("rig.bench.source.read_devices", lambda bench: [])
+    monkeypatch.setattr("rig.bench.source.first_findings", lambda *_: [])
     monkeypatch.setattr(Bench, "connected", lambda bench: nullcontext(bench))
     monkeypatch.setattr("rig.bench.source.HandMemory.touched", lambda memory, bench: [])
     agreeing = ConsoleOperator(lambda question: True)
@@ -128,7 +127,7 @@ def test_unreadable_devices_are_one_message_and_real_time_lifts_compute_in_one_t
     finally:
         cv2.setNumThreads(before)
     text = str(raised.value)
-    assert text.startswith("5 of 5 devices cannot be read, nothing was started: SIM-D0001: ")
+    assert text.startswith("5 of 5 devices cannot be used, nothing was started: SIM-D0001 reached: ")
     assert text.count("SIM-D0002") == text.count("/dev/video99") == 1
     assert "127.0.0.9" in text
 

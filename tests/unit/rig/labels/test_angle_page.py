@@ -1,7 +1,6 @@
 """The page on which lines are drawn: every click is kept, none is believed unseen."""
 
 import json
-import multiprocessing
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -11,13 +10,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from drivers.errors import InputError, RigError
+from drivers.errors import InputError
 from drivers.images import read_image
 from rig.frames.estimates import Estimation
 from rig.frames.series import read_frames
 from rig.labels import angle_lines
 from rig.labels.angle_lines import LINES, Click, ClipToLabel, FrameChoice, LineLog, choose_frames, read_drawn
-from rig.labels.angle_server import TOKEN, AnglePage, AngleServer
+from rig.labels.angle_server import AnglePage, AngleServer
 from rig.pages.requests import Request
 from rig.tactile.estimators import choose_estimator
 from support.angle_clips import FIRST_CONTACT, ask, true_ends, write_clip
@@ -51,16 +50,16 @@ class Asked:
     def __init__(self, clip: Path) -> None:
         self.clip = opened(clip)
         self.log = LineLog(clip / LINES, self.clip)
-        self.page = AnglePage(self.clip, self.log, "secret")
+        self.page = AnglePage(self.clip, self.log)
         self.reports: list[bytes] = []
 
-    def get(self, path: str, token: str = "secret") -> tuple[int, bytes]:
-        answer = self.page.answer(Request("GET", path, {TOKEN: token}))
+    def get(self, path: str) -> tuple[int, bytes]:
+        answer = self.page.answer(Request("GET", path, {}))
         return answer.status, answer.body
 
-    def post(self, what: str, data: object, token: str = "secret") -> tuple[int, Any]:
+    def post(self, what: str, data: object) -> tuple[int, Any]:
         body = data if isinstance(data, bytes) else json.dumps(data).encode()
-        answer = self.page.answer(Request("POST", f"/{what}", {TOKEN: token}, body))
+        answer = self.page.answer(Request("POST", f"/{what}", {}, body))
         self.reports += [answer.report] if answer.report else []
         return answer.status, json.loads(answer.body) if answer.kind == "application/json" else answer.body
 
@@ -109,13 +108,7 @@ def test_only_frames_with_contact_are_offered(clip: Path, blank: Image) -> None:
         choose_frames(read_frames(clip / "frames"), grey, 3)
 
 
-def test_clip_and_clicks_need_the_token(page: Asked) -> None:
-    assert b"How far has it turned" in page.get("/", token="")[1]
-    for token in ("", "wrong", "secre", "\u00e9"):
-        for path in ("/clip", "/frame/2.png", "/difference/2.png"):
-            assert page.get(path, token)[0] == 403
-        for what in ("click", "undo", "write"):
-            assert page.post(what, {}, token)[0] == 403
+def test_page_sends_the_choice_of_frames_and_their_pictures(page: Asked) -> None:
     assert json.loads(page.get("/clip")[1])["frames"] == [2, 6, 9, 13]
     status, picture = page.get("/frame/6.png")
     decoded = cv2.imdecode(np.frombuffer(picture, np.uint8), cv2.IMREAD_COLOR)
@@ -126,23 +119,14 @@ def test_clip_and_clicks_need_the_token(page: Asked) -> None:
         assert page.get(path)[0] == 404, path
 
 
-@pytest.mark.heavy
-def test_requests_under_another_name_or_from_another_site_are_refused(server: AngleServer) -> None:
-    click = {"drawn_in": 0, "frame": 2, "x": 10, "y": 50}
-    here = server.address.split("/#")[0]
-    assert ask(server.address, "click", click, Origin=here)[0] == 200
-    for headers in ({"Host": "evil.example"}, {"Origin": "http://evil.example"}, {"Origin": "null"}):
-        assert ask(server.address, "click", click, **headers)[0] == 403, headers
-        assert ask(server.address, "", **headers)[0] == 403, headers
-    assert len(ask(server.address, "clip")[1]["state"]["ends"][0]["2"]) == 1
-
-
-@pytest.mark.heavy
-def test_command_ends_if_the_process_of_the_page_has_ended(server: AngleServer) -> None:
-    (process,) = [each for each in multiprocessing.active_children() if each.name == "page"]
-    process.kill()
-    with pytest.raises(RigError, match="has ended; start the command again"):
-        server.labels_written(timeout_s=10.0)
+def test_page_needs_the_key_of_its_address(server: AngleServer) -> None:
+    """Other names, other sites and cookies: `tests/unit/rig/test_watch.py`, for the same server."""
+    assert b"How far has it turned" in ask(server.address)[1]
+    page, _, key = server.address.partition("?key=")
+    assert len(key) >= 16
+    for address in (page, f"{page}?key=", f"{page}?key={key[:-1]}", f"{page}#{key}"):
+        for path, data in (("", None), ("clip", None), ("frame/2.png", None), ("undo", {})):
+            assert ask(address, path, data)[0] == 403
 
 
 def test_clicks_are_on_disk_before_they_are_answered_and_taken_back_one_by_one(

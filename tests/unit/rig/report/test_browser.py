@@ -12,8 +12,8 @@ from scipy.spatial.transform import Rotation
 
 from calibration.verdict import limits
 from drivers.types import Pose
-from rig.calibrate import figures
-from rig.calibrate.result import CalibrationResult, file_result
+from rig.calibrate import charts
+from rig.calibrate.result import CalibrationResult, Figure, file_result
 from rig.pages.page import render
 from rig.report.compare import compare_lifts, compare_page
 from rig.report.parts import Table
@@ -76,25 +76,25 @@ def calibration(folder: Path) -> Path:
     streams, points = {"arm": curve, "camera SIM-C0001, moved": curve}, {"points": tuple(places.T)}
     placed = {"TCP": POSES, "camera": [Pose((0.9, 0.1, 0.4))], "base": [Pose((0.0, 0.0, 0.0))]}
     pictures = [
-        figures.bars("Bars", text, samples, "px", limit=0.03),
-        figures.field("Field", text, np.ones((6, 8)), (640, 480), "sigma, px", places),
-        figures.residuals("Residuals", text, places, places / 1e4, (640, 480)),
-        figures.residuals("Residuals on a picture", text, places, places / 1e4, (640, 480), grey),
-        figures.curves("Curves", text, streams, "s", "value"),
-        figures.curves("Points", text, points, "x, px", "up, px", "."),
-        figures.poses(text, placed),
+        charts.bars("Bars", text, samples, "px", limit=0.03),
+        charts.field("Field", text, np.ones((6, 8)), (640, 480), "sigma, px", places),
+        charts.residuals("Residuals", text, places, places / 1e4, (640, 480)),
+        charts.residuals("Residuals on a picture", text, places, places / 1e4, (640, 480), grey),
+        charts.curves("Curves", text, streams, "s", "value"),
+        charts.curves("Points", text, points, "x, px", "up, px", "."),
+        charts.poses(text, placed),
     ]
-    numbers = {
-        "to add to the stream": "1.2 ms",
-        "a long name of a number with a long value": "2 " * 30,
-    }
+    figures = [
+        Figure("add_to_stream_s", 0.0012, "to add to the stream", ".1f", "ms", 1e3, top=True),
+        Figure("", "2 " * 30, "a long name of a number with a long value"),
+    ]
     checked = limits(
         (0.4, 1.0, 5.0, "the offset is known to {value:.2f} ms only: wiggle faster"),
         (8, 10, 5, "{value} samples used; 15 are good"),
     )
     result = CalibrationResult(
-        "sync", {"stream": "SIM-C0001"}, {"add_to_stream_s": 0.001}, checked, source="folder",
-        numbers=numbers, used=40, pictures=pictures, simulated=True,
+        "sync", {"stream": "SIM-C0001"}, {}, checked, figures, source="folder", used=40, pictures=pictures,
+        simulated=True,
     )  # fmt: skip
     return Path(file_result(result, folder)["page"])
 

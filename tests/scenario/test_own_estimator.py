@@ -1,4 +1,4 @@
-"""A lab's own estimator in lifts, replays, tables and benchmarks."""
+"""A lab's own estimator in lifts, replays, its own frames and labelled clips."""
 
 import csv
 import json
@@ -12,9 +12,7 @@ import pytest
 from numpy.typing import NDArray
 
 from drivers.errors import EstimatorError
-from rig.benchmark import renderer
 from rig.benchmark.clips import study as clips
-from rig.benchmark.estimators.contenders import score_lift
 from rig.benchmark.harness import Run
 from rig.config import BenchConfig
 from rig.experiments.lift_plan import TrialSettings, stored_trial
@@ -177,25 +175,3 @@ def test_own_estimator_is_scored_on_labelled_clips(clip: Path) -> None:
     report = clips.measure(clips.ClipsOptions(clip.parent, [FAILING, "lab-pca"]), Run())
     assert {name: faults.frames for name, faults in report.faults.items()} == {FAILING: 1}
     assert report.tables[1].records[1]["score"].mean_deg < 3.0
-
-
-@pytest.mark.heavy
-def test_own_estimator_is_compared_on_a_session_and_by_the_second_renderer(
-    session: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(session.parent)
-    done = rig("compare", "lab-pca", "pca", "--on", session, "--jobs", "1", "--json")
-    assert done.returncode == 0, done.stderr
-    assert json.loads(done.stdout)["lifts"] == 2
-    report = renderer.measure(renderer.RendererOptions([FAILING], lifts=1), Run(jobs=1))
-    assert report.faults[FAILING].frames > 2
-    assert "no gradient today" in report.faults[FAILING].first
-
-
-@pytest.mark.heavy
-def test_estimator_benchmark_scores_own_estimator(session: Path) -> None:
-    row = read_finished_lifts(session)[0]
-    scores = score_lift(session, ("slip", "pca", MINE, FAILING), row)
-    assert scores.scores[MINE, 1] == scores.scores["pca", 1]
-    assert scores.scores[MINE, 4] == scores.scores["pca", 4]
-    assert list(scores.faults) == [FAILING]

@@ -67,7 +67,7 @@ def share_left(untouched: Imprint, held: Imprint, now: Imprint) -> float:
 FRAME_TIMEOUT_S = 0.25
 """Time without a frame after which a source counts as silent."""
 JITTER = 0.1
-"""Fraction of its period by which a frame may be captured early."""
+"""Largest fraction of its period that a frame may be early."""
 CATCH_UP_S = 3.0
 """Extra time in which a loaded host may deliver late frames, s."""
 PICTURE_S = 0.004

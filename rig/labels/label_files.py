@@ -126,7 +126,7 @@ def labelme_mask(document: dict[str, Any], shape: tuple[int, int], where: str) -
             continue
         name = f"{where}, shape {number}"
         if isinstance(entry, dict) and entry.get("shape_type") == "mask":
-            painted.append(_painted(entry, (math.ceil(drawn_on[0]), math.ceil(drawn_on[1])), name))
+            painted.append(_paint(entry, (math.ceil(drawn_on[0]), math.ceil(drawn_on[1])), name))
             continue
         share = _corners(entry, name) / np.array(drawn_on)
         if np.abs(share - 0.5).max() > 0.5 + _FAR:
@@ -139,7 +139,7 @@ def labelme_mask(document: dict[str, Any], shape: tuple[int, int], where: str) -
     return mask
 
 
-def _painted(entry: dict[str, Any], size: tuple[int, int], where: str) -> Image:
+def _paint(entry: dict[str, Any], size: tuple[int, int], where: str) -> Image:
     """Return a shape that is a mask, a PNG of the part between its two points, as (H, W) uint8, 0 or 255."""
     try:
         part = decode_image(base64.b64decode(entry["mask"], validate=True), grey=True)

@@ -20,7 +20,7 @@ AGREES = 0.4
 """Every answering fingertip must show this fraction of a slip, because an object rotates under all of
 them."""
 GIVES_DEG = 0.3
-"""Largest rotation by which a holding gel yields under the weight; that is no slip (contract: 0.5 is)."""
+"""Largest rotation of a gel that holds and yields under the weight; that is no slip (contract: 0.5 is)."""
 DRIFTS_S = 5.0
 """Time constant with which the rest angle follows a drifting fingertip; no slip is that slow."""
 REST_NS = 100_000_000

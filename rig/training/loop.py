@@ -41,7 +41,7 @@ class LabelledFrame:
     label: Image
 
 
-def augmented(sample: LabelledFrame, ghost: Image, varied: bool, rng: np.random.Generator) -> LabelledFrame:
+def augment(sample: LabelledFrame, ghost: Image, varied: bool, rng: np.random.Generator) -> LabelledFrame:
     """Return the sample under other light, noise, place and scale.
 
     ghost: another frame of the same unit, which may be blended faintly into the background, like the residual
@@ -59,17 +59,17 @@ def augmented(sample: LabelledFrame, ghost: Image, varied: bool, rng: np.random.
         frame, background = frame * shade[..., None], background * shade[..., None]
     if rng.random() < 0.25:
         background += np.float32(rng.uniform(0.05, 0.30)) * (ghost.astype(np.float32) - background)
-    frame, background = _relit(frame, background, rng)
+    frame, background = _relight(frame, background, rng)
     images, label = [_bytes(frame), _bytes(background)], sample.label
     if rng.random() < 0.6:
-        images, label = _moved(images, label, varied, rng)
+        images, label = _move(images, label, varied, rng)
     if rng.random() < 0.4:
         blur_px = float(rng.uniform(0.3, 1.5))
         images = [np.asarray(cv2.GaussianBlur(image, (0, 0), blur_px), np.uint8) for image in images]
     return LabelledFrame(images[0], images[1], label)
 
 
-def _relit(frame: Planes, background: Planes, rng: np.random.Generator) -> tuple[Planes, Planes]:
+def _relight(frame: Planes, background: Planes, rng: np.random.Generator) -> tuple[Planes, Planes]:
     """Drift between background and frame, another exposure of both, noise, and smooth patches of light."""
     both = np.exp(rng.normal(0.0, 0.2, 3)).astype(np.float32)
     drift = np.exp(rng.normal(0.0, 0.06, 3)).astype(np.float32)
@@ -83,7 +83,7 @@ def _relit(frame: Planes, background: Planes, rng: np.random.Generator) -> tuple
     return frame, background * both
 
 
-def _moved(
+def _move(
     images: list[Image], label: Image, parts: bool, rng: np.random.Generator
 ) -> tuple[list[Image], Image]:
     """Shift and scale all images alike, with reflected borders; if `parts`, enlarge some to a part."""
@@ -123,7 +123,7 @@ def training_batches(
         for place in order[start : start + count].tolist():
             first = place // GHOST_REACH * GHOST_REACH
             ghost = int(rng.integers(first, min(first + GHOST_REACH, len(examples))))
-            samples.append(augmented(_sample(examples, place), examples.frames[ghost], varied, rng))
+            samples.append(augment(_sample(examples, place), examples.frames[ghost], varied, rng))
         yield _batch(samples, inputs, size)
 
 

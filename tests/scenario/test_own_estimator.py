@@ -1,4 +1,4 @@
-"""A lab's own estimator in lifts, replays, tables and benchmarks."""
+"""A lab's own estimator in lifts, replays, its own frames and labelled clips."""
 
 import csv
 import json

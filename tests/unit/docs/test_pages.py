@@ -15,6 +15,7 @@ import rig.sessions.about
 import rig.sessions.recorder
 from rig.benchmark.clips.public import SETS
 from rig.benchmark.harness import markers
+from rig.benchmark.wire.safety import EVENTS
 from rig.results.limits import LIFT_FIGURES, SESSION_FIGURES
 from rig.results.table import ERRORS
 from rig.sessions.records import IF_REACTING, IN_CSV, Lift, LiftOutcome, lift_columns
@@ -126,6 +127,14 @@ def test_figures_in_readme_match_the_tables() -> None:
         shares = [f"within 3 degrees: {whole[3]} of {whole[2]} labels on {clips}"]
         shares += [f"{row[1]} clips ({row[2]} labels): {row[3]}" for row in groups if row[0] == ""]
         assert f"| {of.data} | {'; '.join(shares)} |" in readme
+
+
+def test_table_of_events_has_every_event_of_the_safety_benchmark() -> None:
+    begin, end = markers("safety")
+    section = (DOCS / "measurements.md").read_text(encoding="utf-8").partition(begin)[2].partition(end)[0]
+    header, _, *rows = [line.strip("|").split(" | ") for line in section.splitlines() if line.startswith("|")]
+    assert header[-1].strip() == "next lift"
+    assert [row[0].strip() for row in rows] == [event.name for event in EVENTS]
 
 
 def test_times_of_a_frame_match_the_table_of_real_clips() -> None:

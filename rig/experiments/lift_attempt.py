@@ -18,7 +18,7 @@ from rig.bench.source import BenchSource, FreshBenches
 from rig.experiments.attempts import Attempt, fault_text
 from rig.experiments.lift_plan import LiftTask, TrialSettings, new_measurement, planned_lift
 from rig.lift.recording import FrameDelays, LiftObservers, MarkerPictures, OutlineObserver
-from rig.lift.result import lift_result, stage_times
+from rig.lift.result import evaluate_lift
 from rig.lift.slip_watch import SlipWatch
 from rig.live.feed import Listener
 from rig.live.observer import LiveObserver
@@ -79,7 +79,7 @@ def attempt_lift(
             lift = replace(lift, fault=fault_text(error), bench_s=delays.spent_s() if delays else 0.0)
         else:
             lift = replace(lift, bench_s=delays.spent_s())
-            lift = replace(lift_result(measurement, lift), clock_rates=delays.clock_rates() or None)
+            lift = replace(evaluate_lift(measurement, lift), clock_rates=delays.clock_rates() or None)
         if recorder:
             for series in (lift.angles or {}).values():
                 recorder.angles(series)
@@ -89,7 +89,7 @@ def attempt_lift(
         number=task.number,
         attempt=task.attempt,
         wall_s=time.perf_counter() - began,
-        stages=stage_times(measurement),
+        stages=measurement.stage_times(),
         capture_to_angle=(delays.latency() if delays else None) or None,
     )
     files = {task.recording: file.path} if file else {}

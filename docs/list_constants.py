@@ -26,8 +26,8 @@ TOPICS = {
         "rig/tactile/settling.py", "rig/lift/slip_watch.py", "rig/frames/slip_alarm.py", "rig/lift/onset.py",
     ),
     "Angle and result of a lift": (
-        "rig/lift/object_angle.py", "rig/lift/measurement.py", "rig/lift/result.py", "rig/results/metrics.py",
-        "rig/results/scores.py", "rig/results/shares.py",
+        "rig/lift/object_angle.py", "rig/lift/measurement.py", "rig/lift/result.py", "rig/lift/agreement.py",
+        "rig/results/metrics.py", "rig/results/scores.py", "rig/results/shares.py",
     ),
     "Devices": (
         "drivers/motion.py", "drivers/ur5e/arm.py", "drivers/ur5e/heartbeat.py",

@@ -211,6 +211,8 @@ def _preset(name: str) -> Preset:
 
 POLL_S = 0.01
 """Pause between two reads of the status, and between two checks of it by a waiting caller."""
+REACT_S = 0.005
+"""The same pause while a status may need a reaction: the gripper refreshes its registers as often."""
 RETRY_S = 0.1
 """Pause between attempts on a dead connection."""
 ANSWER_S = 0.9
@@ -325,8 +327,8 @@ class GripperLine:
 
     def _carry_out_next(self) -> None:
         try:
-            pause_s = host_s(self._clock, RETRY_S if self._error else POLL_S)
-            registers, done = self._jobs.get(timeout=pause_s)
+            pause_s = RETRY_S if self._error else POLL_S if self.react is None else REACT_S
+            registers, done = self._jobs.get(timeout=host_s(self._clock, pause_s))
         except queue.Empty:
             return
         if self._closing.is_set() or not done.set_running_or_notify_cancel():

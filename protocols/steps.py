@@ -159,7 +159,8 @@ def move_fingers(bench: Bench, opening_m: float, pump: Pump | None = None) -> Gr
     whose finger met an obstacle ignores further commands in the same direction until rGTO is cleared (manual,
     OBJECT STATUS). If the hand held an object and its fingers opened less than requested, it counts as still
     holding it. After any other failed opening its state becomes unknown. Afterwards the pump compares the
-    opening with the reached one, until the next motion.
+    opening with the reached one, until the next motion; on a held object the gripper keeps the grip
+    (`Gripper.keep_grip`).
     """
     opens = opening_m > bench.gripper.state().opening_m
     if pump is not None:
@@ -169,9 +170,12 @@ def move_fingers(bench: Bench, opening_m: float, pump: Pump | None = None) -> Gr
     reached = bench.gripper.state()
     problem = _problem(reached, opening_m, opens, bench.gripper.spec)
     if problem is None:
-        if pump is not None:  # fingers that stopped at an object close further if it gives way
-            slack_m = max(STILL_M, STILL_STEPS * bench.gripper.spec.resolution_m) + _ROUNDING_M
-            low_m, high_m = sorted((reached.opening_m, opening_m))
+        # fingers that stopped at an object close further if it gives way
+        slack_m = max(STILL_M, STILL_STEPS * bench.gripper.spec.resolution_m) + _ROUNDING_M
+        low_m, high_m = sorted((reached.opening_m, opening_m))
+        if bench.hand.state.holding is Holding.HELD and not opens:
+            bench.gripper.keep_grip(high_m + slack_m)
+        if pump is not None:
             pump.expect_fingers((low_m - slack_m, high_m + slack_m))
         return reached
     with suppress(DeviceError):  # the error below is more informative

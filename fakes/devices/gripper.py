@@ -45,8 +45,12 @@ class FakeGripper(Gripper):
         """Grasp mode; another program or the device's own page may have changed it."""
         self._connected = self._activated = False
         self._requested = world.layout.open_counts
-        self._stalls = self._drifts = False
+        self._stalls = self._drifts = self._drifted = False
         self._force_n = STALL_FORCE_N
+        self._motion: tuple[float, float | None, float | None] | None = None
+        """Arguments of the last `move_to`, if no other command was given since."""
+        self._most_m: float | None = None
+        self._reclosed_from_m: float | None = None
 
     @property
     def spec(self) -> GripperSpec:
@@ -54,7 +58,7 @@ class FakeGripper(Gripper):
 
     def connect(self) -> None:
         self.disconnect()
-        self._connected = True
+        self._connected, self._reclosed_from_m = True, None
 
     def disconnect(self) -> None:
         if self._connected:
@@ -64,12 +68,13 @@ class FakeGripper(Gripper):
     def activate(self) -> None:
         self._require_usable()
         self._clock.sleep_until(self._clock.now_ns() + to_ns(ACTIVATION_S))
-        self._activated, self.mode = True, BASIC_MODE
+        self._activated, self.mode, self._reclosed_from_m = True, BASIC_MODE, None
         self.move_to(self._spec.open_m).wait(timeout_s=5.0)
 
     def state(self) -> GripperState:
         self._require_usable()
-        if not self._drifts and self._has("drift"):
+        drifted, self._drifted = self._drifted, self._has("drift")
+        if self._drifted and not drifted:
             self._drifts = True
             lowest = float(self._world.layout.open_counts)
             self._world.fingers = self._world.fingers.drifting(lowest, self._clock.now_ns())
@@ -77,16 +82,23 @@ class FakeGripper(Gripper):
         squeeze = self._world.squeeze_at(now)
         counts = round(self._world.fingers.position_at(now))
         shown = self._requested if self._has("false_success") else counts
+        opening_m = self._spec.opening_at(shown - self._world.layout.open_counts)
+        if self._motion is not None and self._most_m is not None and opening_m > self._most_m:
+            before_m, most_m = self._reclosed_from_m, self._most_m
+            self._reclosed_from_m = opening_m if before_m is None else max(before_m, opening_m)
+            self.move_to(*self._motion)
+            self._most_m = most_m
         blocked, stalled = self._has("blocked"), squeeze * FINGER_STIFFNESS_N_M >= self._force_n
         return GripperState(
             time_ns=now,
             activated=self._activated,
             moving=not self._drifts and not self._world.fingers.profile.done_at(now),
-            opening_m=self._spec.opening_at(shown - self._world.layout.open_counts),
+            opening_m=opening_m,
             gripping=stalled or self._stalls or (blocked and self._requested > counts),
             obstructed=blocked and self._requested < counts,
             raw={"position_counts": shown, "current_counts": round(4 + 6 * squeeze * FINGER_STIFFNESS_N_M)},
             mode=self.mode,
+            reclosed_from_m=self._reclosed_from_m,
         )
 
     def move_to(
@@ -103,6 +115,7 @@ class FakeGripper(Gripper):
                 ACTIVATION_NEEDED,
             )
         self._spec.require_command(opening_m, speed_m_s, force_n)
+        self._motion, self._most_m = (opening_m, speed_m_s, force_n), None
         layout = self._world.layout
         position_counts = layout.open_counts + self._spec.step_at(opening_m)
         self._force_n = STALL_FORCE_N if force_n is None else force_n
@@ -114,8 +127,13 @@ class FakeGripper(Gripper):
         self._world.fingers = self._world.fingers.sent_to(end, speed_m_s / layout.opening_per_count_m, now)
         return PolledMotion("gripper", self._clock, self._arrived, self.stop)
 
+    def keep_grip(self, most_m: float) -> None:
+        """Keep the grip as `Gripper.keep_grip` describes. The fingers are checked when the state is read."""
+        self._require_usable()
+        self._most_m = most_m
+
     def stop(self) -> None:
-        self._stalls = False
+        self._stalls, self._motion, self._most_m = False, None, None
         self._world.fingers = self._world.fingers.cut_at(self._clock.now_ns() + self._period_ns)
 
     def _end(self, position_counts: int, now_ns: int) -> float:

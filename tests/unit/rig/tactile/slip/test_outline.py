@@ -35,7 +35,7 @@ def test_axis_of_an_ellipse_has_its_direction_and_elongation(angle_deg: float) -
     assert abs(axis.elongation - 40 / 12) < 0.25
 
 
-@given(turn_deg=st.floats(-40.0, 40.0), share=st.floats(0.3, 0.9))
+@given(turn_deg=st.floats(-25.0, 25.0), share=st.floats(0.5, 0.9))
 def test_uncertain_angle_moves_towards_the_rotation_of_the_axis(turn_deg: float, share: float) -> None:
     estimated_deg = share * turn_deg
     angle_deg = corrected(turn_deg, estimated_deg, UNSURE)

@@ -18,8 +18,7 @@ import pytest
 
 from fakes.wire.net import Control
 from rig.bench.fakes_process import hosted_fakes
-from rig.benchmark.wire.campaign import ABOVE_M as ABOVE_GRASP_M
-from rig.benchmark.wire.campaign import as_real, bench_ns, read_track, was_dropped
+from rig.benchmark.wire.campaign import as_real
 from rig.config import BenchConfig
 from rig.config.write import write_bench
 from rig.sessions.rows import read_lifts
@@ -132,23 +131,6 @@ def test_object_held_after_a_kill_is_neither_dropped_nor_moved_unasked(
     last.send_signal(signal.SIGINT)
     _, error = last.communicate(timeout=LIMIT_S)
     assert last.returncode == 3, error
-
-
-def test_object_is_set_down_with_the_agreed_grip_after_the_fingers_opened_by_themselves(
-    served: Served, tmp_path: Path
-) -> None:
-    process = lifting(served, tmp_path / "s")
-    agreed = served.world()["finger_counts"]
-    since_ns = bench_ns(served.control.call)
-    served.control.call("fault", device="gripper", kind="drift")
-    process.communicate(timeout=LIMIT_S)
-    fault = next(row.fault for row in read_lifts(tmp_path / "s") if row.fault)
-    assert "without a command, and its driver closed them again" in fault
-    assert "object set down" in fault
-    track = read_track(served.control.call, since_ns)
-    assert not was_dropped(track, GRASP_M)
-    in_the_air = [state.counts for state in track if state.tool_m[2] > GRASP_M + ABOVE_GRASP_M]
-    assert min(in_the_air) < agreed == pytest.approx(in_the_air[-1])
 
 
 def test_resume_after_a_stop_in_the_hold_moves_nothing_before_a_person_has_placed_the_object(

@@ -56,6 +56,8 @@ class Outline:
         """Return the mean of an angle and of the axis, weighted by their variances (rad^2), and its variance.
 
         The difference of both counts as uncertainty of the axis, because a region may also change its shape.
+        An axis that has turned less, by more than its deviation, may be that of the resting gel: it does not
+        count.
         """
         axis = axis_of(mask)
         if self._origin is None:
@@ -64,7 +66,11 @@ class Outline:
         elongation = min(axis.elongation, first.elongation)
         if elongation < LEAST_ELONGATION:
             return angle_rad, variance
-        away_rad = math.remainder(axis.angle_rad - first.angle_rad - (angle_rad - first_rad), math.pi)
-        axis_variance = (AXIS_RAD / (elongation - 1.0 / elongation)) ** 2 + away_rad**2
+        turned_rad = angle_rad - first_rad
+        away_rad = math.remainder(axis.angle_rad - first.angle_rad - turned_rad, math.pi)
+        deviation_rad = AXIS_RAD / (elongation - 1.0 / elongation)
+        if abs(turned_rad + away_rad) < abs(turned_rad) - deviation_rad:
+            return angle_rad, variance
+        axis_variance = deviation_rad**2 + away_rad**2
         share = variance / (variance + axis_variance)
         return angle_rad + share * away_rad, share * axis_variance

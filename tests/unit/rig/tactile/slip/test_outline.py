@@ -73,3 +73,7 @@ def test_forgotten_outline_counts_from_the_next_frame() -> None:
     outline.forget()
     angle_rad, _ = outline.correct(0.0, UNSURE, ellipse(50.0))
     assert angle_rad == 0.0
+
+
+def test_outline_of_a_resting_bulge_does_not_hold_an_angle_back() -> None:
+    assert corrected(0.0, 25.0, UNSURE, across_px=24) == 25.0

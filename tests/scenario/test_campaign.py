@@ -137,16 +137,8 @@ def test_a_cluster_of_two_workers_gives_the_same_table(sessions: Path, tmp_path:
 def test_lifts_of_a_lost_worker_are_carried_out_by_another(light_bench_file: Path, tmp_path: Path) -> None:
     distributed = pytest.importorskip("distributed")
     what = (
-        "benchmark",
-        "seeds",
-        "--bench",
-        str(light_bench_file),
-        "--seeds",
-        "1",
-        "--object",
-        "t2",
-        "--json",
-    )
+        "benchmark", "lifts", "--of", str(light_bench_file), "--seeds", "1", "--object", "t2", "--json",
+    )  # fmt: skip
     with distributed.LocalCluster(
         n_workers=2, threads_per_worker=1, dashboard_address="127.0.0.1:0", host="127.0.0.1"
     ) as cluster:
@@ -156,7 +148,8 @@ def test_lifts_of_a_lost_worker_are_carried_out_by_another(light_bench_file: Pat
             stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
         )  # fmt: skip
         done = tmp_path / "there" / "results.jsonl"
-        until(done.exists)  # the first lift is stored
+        until(lambda: done.exists() or there.poll() is not None)
+        assert there.poll() is None, there.communicate()[1]  # it goes on after its first lift is stored
         lost = cluster.workers[0].process.pid
         os.kill(lost, signal.SIGKILL)
         said, errors = there.communicate(timeout=300)

@@ -12,24 +12,22 @@ import numpy as np
 from calibration.gel.look import GelLook
 from drivers.types import Image
 from rig.tactile.blas_threads import one_blas_thread
-from rig.tactile.contact.gate import Region, find_contact
-from rig.tactile.contact.gel_marks import LaterMarks, found_marks
+from rig.tactile.contact.gate import find_contact
+from rig.tactile.contact.gel_marks import found_marks
+from rig.tactile.contact.later_marks import LaterMarks
 from rig.tactile.contact.relative import RelativeDifference, full_area, smoothed, work_size
 from rig.tactile.sample import FreshFrameEstimator, SlipSample, State, Stopwatch
 from rig.tactile.settling import NEW_GRASP_NS
 from rig.tactile.slip.all_loops import compile_all
 from rig.tactile.slip.gradient import CalibratedSlopes, LearntGradientMap, learn_map
 from rig.tactile.slip.height import Field
-from rig.tactile.slip.light import Light, Lit
+from rig.tactile.slip.light import Lit
 from rig.tactile.slip.report import Report, extrapolate
 from rig.tactile.slip.seen import Seen
 from rig.tactile.slip.tearing import Tearing
 from rig.tactile.slip.texture import Texture, fine_scale
 from rig.tactile.slip.texture_stage import TextureStage
 from rig.tactile.slip.tracker import Tracker
-
-WEAK_SHARE = 0.5
-"""A contact that falls below this fraction of its largest strength times area may have ended."""
 
 
 def _learnt_alone(difference: Field, mask: Image) -> LearntGradientMap | None:
@@ -64,8 +62,7 @@ class SlipEstimator(FreshFrameEstimator):
         scale = fine_scale(background.shape, size)
         fine = scale * size[0], scale * size[1]
         marked = found_marks(background, fine)
-        self._marks, self._unclear, self._most = LaterMarks(marked), True, 0.0
-        self._fine_due = False
+        self._marks, self._is_fine_due = LaterMarks(marked), False
         self._lit = Lit(RelativeDifference(background, size), marked)
         self._fine_lit = Lit(RelativeDifference(background, fine), marked)
         self._tearing = Tearing()
@@ -98,7 +95,17 @@ class SlipEstimator(FreshFrameEstimator):
         clean = np.asarray(cv2.merge(list(planes)), np.float32)
         difference = smoothed(clean)
         region = find_contact(difference)
-        if self._only_marks(fine, light, region, time_ns):
+        if self._is_fine_due:
+            self._fine_lit.fill(self._marks.marked)
+        verdict = self._marks.judge(lambda: self._fine_lit.unfilled(fine, light), region, time_ns)
+        self._is_fine_due = verdict.is_news
+        if verdict.is_news:
+            self._lit.fill(self._marks.marked)  # that of the fine copy in the next frame, to share the time
+            self._texture.leave_out(self._marks.later)
+        if verdict.begins_anew:
+            self._tracker.release()
+            self._report.begin()
+        if not verdict.is_contact:
             region = None
         torn = self._tearing.update(region)
         watch.lap("contact")
@@ -108,7 +115,6 @@ class SlipEstimator(FreshFrameEstimator):
         # Only frames without contact end a contact: the time between two frames may be as long.
         if self._gone and self._seen_ns is not None and time_ns - self._seen_ns > NEW_GRASP_NS:
             self._release(time_ns)
-        self._marks.touched()
         self._seen_ns, self._gone = time_ns, False
         pattern = difference
         if self._slopes is not None:
@@ -151,37 +157,3 @@ class SlipEstimator(FreshFrameEstimator):
         """Forget the contact."""
         self._report.release(time_ns)
         self._tracker.release()
-
-    def _only_marks(self, fine: Image, light: Light, region: Region | None, time_ns: int) -> bool:
-        """Whether a frame shows no contact; search it for marks that came after the background.
-
-        Marks may look like a contact until they are filled. So the first frames are searched, and those of a
-        contact that has become much weaker, because the object may have left something on the gel.
-        """
-        if self._fine_due:
-            self._fine_lit.fill(self._marks.marked)
-            self._fine_due = False
-        if self._marks.confirmed(region):
-            self._fill()
-            self._tracker.release()
-            self._report.begin()
-            return True
-        volume = 0.0 if region is None else region.area_px * region.strength
-        self._most = max(self._most, volume) if region is not None else 0.0
-        self._unclear = self._unclear and region is not None
-        weak = volume < WEAK_SHARE * self._most or region is None
-        if not self._unclear and not (weak and self._marks.due(time_ns)):
-            return region is None
-        difference, first = self._fine_lit.unfilled(fine, light), self._unclear
-        self._unclear = region is not None and self._marks.explain(difference, region, first)
-        if region is not None and not self._unclear:
-            return False
-        if self._marks.add(difference):
-            self._fill()
-        return True
-
-    def _fill(self) -> None:
-        """Fill the present marks from now on; those of the fine copy in the next frame, to share the time."""
-        self._lit.fill(self._marks.marked)
-        self._fine_due = True
-        self._texture.leave_out(self._marks.later)

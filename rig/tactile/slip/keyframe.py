@@ -71,7 +71,7 @@ class Keyframe:
 
     rows: (3, ROWS, N), see `rig.tactile.slip.loops`; counted: number of points of each. center_px: of the
     points of the slopes. pixels: their rows and columns. unit: factor of the texture. richness: root energy
-    of the texture. own: loss of the curvature's agreement with itself after a rotation by `PROBE_RAD`.
+    of the texture. own: see `self_loss`, for a rotation by `PROBE_RAD`.
     distinct, textured: fraction of the energy of slopes and of texture that this rotation changes. oblong:
     relative difference of the dent's curvatures along its axes, 0 for a ball, 1 for a cylinder. border:
     fraction of the contact at the border of the image, which may cut it.

@@ -196,16 +196,28 @@ def _agreement(key: Values, planes: Values, view: Sums, place: At, count: int) -
 
 @compiled
 def self_loss(curved: Values, facts: Sums, slopes: Values, view: Sums, turn: float) -> float | np.floating:
-    """Return 1 - cosine of the curvature with itself after a rotation: the mean of both directions."""
+    """Return 1 - cosine of the curvature with itself after a rotation and the shift that hides it best.
+
+    The mean of both directions. An arc that turns about its own centre agrees with itself, so it shows a
+    rotation less than its curvature alone.
+    """
     cosine, x, y, count = 0.0, 0.0, 0.0, int(facts[COUNTED + CURVED])
     for i in range(count):
         x += curved[X, i] / count
         y += curved[Y, i] / count
     for angle in (turn, -turn):
-        # Their middle does not move.
+        # At first their middle does not move.
         at_x = facts[MIDDLE_X] + x - (x * math.cos(angle) + y * math.sin(angle))
         at_y = facts[MIDDLE_Y] + y - (y * math.cos(angle) - x * math.sin(angle))
-        cosine += _agreement(curved, slopes, view, (at_x, at_y, angle), count)
+        best, found = -1.0, _agreement(curved, slopes, view, (at_x, at_y, angle), count)
+        while found > best:
+            best, from_x, from_y = found, at_x, at_y
+            for right, down in ((1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)):
+                place = from_x + right, from_y + down, angle
+                agreement = _agreement(curved, slopes, view, place, count)
+                if agreement > found:
+                    found, at_x, at_y = agreement, place[0], place[1]
+        cosine += best
     return 1.0 - cosine / 2.0
 
 

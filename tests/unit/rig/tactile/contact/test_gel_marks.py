@@ -10,7 +10,8 @@ from drivers.clock import NS_PER_S
 from drivers.types import Frame, Image
 from rig.tactile.contact.background import mean_background
 from rig.tactile.contact.gate import find_contact
-from rig.tactile.contact.gel_marks import MOST_SHARE, GelMarks, LaterMarks, found_marks
+from rig.tactile.contact.gel_marks import MOST_SHARE, GelMarks, found_marks
+from rig.tactile.contact.later_marks import SEARCH_NS, LaterMarks, Verdict
 from rig.tactile.contact.relative import RelativeDifference, work_size
 from rig.tactile.estimators import choose_estimator
 from support.desk_frames import desk_digit, desk_frames
@@ -144,41 +145,52 @@ def difference(image: Image, background: Image) -> np.ndarray:
     return light.of(light.reduced(image))
 
 
+def judge(marks: LaterMarks, image: Image, background: Image, time_ns: int) -> Verdict:
+    """Judge a frame as the estimator does, whose first work copy has no marks filled."""
+    light = RelativeDifference(background, (60, 80))
+    region = find_contact(light.of(light.reduced(image)))
+    return marks.judge(lambda: difference(image, background), region, time_ns)
+
+
 def test_later_marks_are_found_and_forgotten_when_wiped_off() -> None:
     background = drawn_press(None)
     marks, dirty = LaterMarks(found_marks(background, FINE)), specked(background, 0.4)
-    changed = [marks.add(difference(dirty, background)) for _ in range(4)]
-    assert changed == [False, True, False, False]
+    verdicts = [judge(marks, dirty, background, n * SEARCH_NS) for n in range(4)]
+    assert verdicts == [Verdict(False, is_news=n == 1) for n in range(4)]
     centers = {(round(x), round(y)) for x, y in cv2.connectedComponentsWithStats(marks.marked)[3][1:]}
     assert centers == {(x // 2, y // 2) for x, y in SPECKS}
-    for _ in range(40):
-        marks.add(difference(background, background))
+    for n in range(4, 44):
+        judge(marks, background, background, n * SEARCH_NS)
     assert not marks.marked.any()
 
 
 def test_frames_beside_a_contact_are_not_searched() -> None:
+    """It may be faintly visible in them, with edges that look like marks."""
     background = drawn_press(None)
-    marks, faint = LaterMarks(found_marks(background, FINE)), difference(specked(background, 0.4), background)
-    marks.add(faint)
-    marks.touched()
-    assert not marks.add(faint)
-    assert not marks.add(difference(background, background))
-    assert not marks.marked.any()
+    faint = difference(specked(background, 0.4), background)
 
+    def is_news(*between: Image) -> bool:
+        marks = LaterMarks(found_marks(background, FINE))
+        marks.judge(lambda: faint, None, 0)
+        for image in between:
+            assert judge(marks, image, background, SEARCH_NS).is_contact
+        return marks.judge(lambda: faint, None, 2 * SEARCH_NS).is_news
 
-def explained(image: Image, background: Image) -> bool:
-    light = RelativeDifference(background, (60, 80))
-    region = find_contact(light.of(light.reduced(image)))
-    return LaterMarks(found_marks(background, FINE)).explain(difference(image, background), region, True)
+    assert is_news()
+    assert not is_news(drawn_press(20.0))
 
 
 def test_contact_is_not_explained_by_marks() -> None:
     background = drawn_press(None)
-    assert explained(specked(background, 0.4), background)
-    assert explained(hair(background), background)
-    assert not explained(specked(drawn_press(20.0), 0.4), background)
+
+    def shows_contact(image: Image) -> bool:
+        return judge(LaterMarks(found_marks(background, FINE)), image, background, 0).is_contact
+
+    assert not shows_contact(specked(background, 0.4))
+    assert not shows_contact(hair(background))
+    assert shows_contact(specked(drawn_press(20.0), 0.4))
     for half_axes in ((56.0, 17.5), (36.0, 11.0), (24.0, 7.5)):
-        assert not explained(drawn_press(20.0, half_axes, strength=0.7), background)
+        assert shows_contact(drawn_press(20.0, half_axes, strength=0.7))
 
 
 def test_saturated_pixels_are_no_contact() -> None:

@@ -14,8 +14,9 @@ from calibration.gel.look import load_look
 from calibration.store import CalibrationFile, age_days, age_text, check_serials, load, why_damaged
 from calibration.verdict import Verdict
 from drivers.errors import CalibrationError
-from rig.config import BenchConfig, TactileConfig, load_bench, validation_text
+from rig.config import BenchConfig, TactileConfig, load_bench
 from rig.config.in_use import CalibrationsInUse, CameraInUse, FileInUse, GelInUse, PlaceInUse
+from rig.config.messages import faults_of
 
 FOLDER = "calibrations"
 LARGEST_TIP_M = 0.05
@@ -58,7 +59,7 @@ def find_calibrations(
     """
     wanted: list[tuple[str, dict[str, str]]] = []
     if config.has("camera"):
-        camera = {"camera": config.camera.serial}
+        camera = {"camera": config.require("camera").serial}
         wanted += [("camera", camera), ("hand-eye", camera)]
     if config.has("gripper"):
         wanted.append(("gripper", {"gripper": config.name}))
@@ -67,7 +68,7 @@ def find_calibrations(
         wanted.append(("tcp", {"tool": config.name}))
         wanted += [("sync", {"reference": "arm", "stream": each.serial}) for each in config.sensors]
     elif config.has("camera"):
-        reference = config.camera.serial
+        reference = config.require("camera").serial
         wanted += [("sync", {"reference": reference, "stream": t.serial}) for t in config.tactile]
     found = CalibrationsInUse()
     for kind, serials in wanted:
@@ -113,8 +114,11 @@ def _used(
     try:
         taken = _taken(config, report, file, str(path))
     except ValidationError as error:
+        found = "; ".join(
+            f"{'.'.join(map(str, key))}: {why}" for key, why in faults_of(error, CalibrationsInUse)
+        )
         raise CalibrationError(
-            f"{path}: has invalid values ({validation_text(error)}); make it again with rig calibrate"
+            f"{path}: has invalid values ({found}); make it again with rig calibrate"
         ) from error
     except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
         raise CalibrationError(
@@ -167,10 +171,11 @@ def _taken(
     match file.kind:
         case "camera":
             camera = calibrated(file, where)
-            if camera.size != config.camera.size_px:
+            size_px = config.require("camera").size_px
+            if camera.size != size_px:
                 raise CalibrationError(
                     f"{where}: was made from pictures of {camera.size} px, but the bench file has size_px = "
-                    f"{list(config.camera.size_px)}; calibrate at that size, or correct it"
+                    f"{list(size_px)}; calibrate at that size, or correct it"
                 )
             return CalibrationsInUse(camera=CameraInUse.of(camera))
         case "hand-eye" if value.get("setup") == "eye-to-hand":
@@ -212,7 +217,7 @@ def _tip(
         report(f"calibration not used: {where}: its tip was not compared with the tcp_m of a bench file")
         return None
     tip_m = np.asarray(_numbers(file, where, "translation_m", 3), np.float64)
-    tcp = config.arm.flange_T_tcp()
+    tcp = config.require("arm").flange_T_tcp()
     out_m = tcp.rotation.inv().apply(tip_m - tcp.position_m)
     before_m = np.asarray(_numbers(file, where, "tip_from_tcp_m", 3), np.float64)
     text = f"the clamped tip of {where} is {1e3 * np.linalg.norm(out_m):.1f} mm from tcp_m"

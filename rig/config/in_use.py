@@ -10,7 +10,7 @@ from calibration.camera.model import CameraModel, CameraUncertainty
 from calibration.gel.look import GelLook
 from calibration.gel.noise import CameraNoise
 from drivers.types import Pose
-from rig.config.fields import BenchSection, Strict
+from rig.config.fields import Section, Strict
 
 Aspect = Annotated[float, Field(ge=0.5, le=2.0)]
 TimeShift = Annotated[float, Field(ge=-1.0, le=1.0)]
@@ -142,7 +142,7 @@ class GelInUse(Strict):
         )
 
 
-class CalibrationsInUse(BenchSection):
+class CalibrationsInUse(Section):
     """Calibrated values that replace the nominal ones of the bench file.
 
     files: by kind and serial. pixel_aspect, time_shift_s (added to a sensor's times): by serial.
@@ -150,7 +150,6 @@ class CalibrationsInUse(BenchSection):
     names a calibration.
     """
 
-    later = frozenset({"gel"})
     files: dict[str, FileInUse] = Field(default_factory=dict)
     camera: CameraInUse | None = None
     base_T_camera: PlaceInUse | None = None  # noqa: N815 - frame names keep their case

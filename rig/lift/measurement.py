@@ -61,7 +61,7 @@ class LiftMeasurement(LiftObserver):
     def __init__(
         self, bench: BenchConfig, estimator: EstimatorChoice, slip: SlipSettings | None = None
     ) -> None:
-        camera, signs = bench.camera, {tactile.serial: tactile.sign for tactile in bench.tactile}
+        camera, signs = bench.require("camera"), {tactile.serial: tactile.sign for tactile in bench.tactile}
         markers = MarkerTracker(camera.marker_ids, camera.marker_dictionary)
         angle = MarkerAngle(markers, bench.camera_model())
         self.truth = MarkerTruth(angle, bench.base_T_camera(), bench.camera_turn_sigma_rad())
@@ -178,5 +178,5 @@ def distance_warning(bench: BenchConfig, sides: float | None) -> MarkerDistance 
     """
     if sides is None:
         return None
-    seen_m, placed_m = sides * bench.camera.marker_side_m, bench.object_distance_m()
+    seen_m, placed_m = sides * bench.require("camera").marker_side_m, bench.object_distance_m()
     return MarkerDistance(seen_m, placed_m) if abs(seen_m - placed_m) > MOST_OFF * placed_m else None

@@ -20,7 +20,7 @@ from rig.sessions.codec import Codec, json_value, strict
 from rig.sessions.files import MANIFEST, RESULTS, read_whole
 from rig.version import VERSION, processor
 
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
 """Version of all files in a session folder."""
 
 
@@ -163,9 +163,10 @@ def read_manifest(folder: Path) -> AnyManifest:
     except ValueError as error:
         raise SessionError(f"{path}: cannot be read ({error}); the session is damaged") from error
     if head.schema_version != SCHEMA_VERSION:
+        when = f" at {head.started}" if head.started else ""
         raise SessionError(
-            f"{path}: schema version {head.schema_version}, this version reads {SCHEMA_VERSION}; "
-            "use the version of the rig that wrote it"
+            f"{path}: schema version {head.schema_version}, this version reads {SCHEMA_VERSION}; use the "
+            f"version or commit that wrote it: version {head.tool_version or 'unknown'}{when}"
         )
     if head.kind not in RESULTS:
         raise SessionError(f"{path}: a {shown(head.kind)} session; this version reads {', '.join(RESULTS)}")
@@ -216,7 +217,7 @@ def _without_feeder_and_limits(manifest: Manifest) -> Manifest:
     if not isinstance(manifest, BenchManifest):
         return manifest
     config = manifest.config.model_copy(update={"limits": ()})
-    if config.feeder is not None:
+    if config.table is not None:
         config = config.model_copy(update={"table": config.table.model_copy(update={"feeder": None})})
     return replace(manifest, config=config)
 
@@ -252,6 +253,8 @@ class _Head:
 
     schema_version: int
     kind: str | None = None
+    tool_version: str = ""
+    started: str = ""
 
 
 _HEAD: Codec[_Head] = Codec(_Head)

@@ -195,7 +195,7 @@ def test_unreachable_bench_is_a_one_line_error(tmp_path: Path) -> None:
     bench = real_bench_file(tmp_path)
     one_line(rig("trial", "--bench", str(bench), "--jobs", "2"), 2, "--jobs")
     done = rig("trial", "--bench", str(bench), "--lifts", "1", "--object", "t1", "--out", str(tmp_path / "s"))
-    one_line(done, 1, "5 of 5 devices cannot be read", "nothing was started")
+    one_line(done, 1, "5 of 5 devices cannot be used", "nothing was started")
     assert done.stderr.count("192.0.2.1") == 2  # arm and gripper, each once
     assert not (tmp_path / "s").exists()
 

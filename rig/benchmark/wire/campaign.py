@@ -140,7 +140,7 @@ class WireBench(StandingBench):
     def __init__(self, config: BenchConfig) -> None:
         super().__init__(config, ConsoleOperator(lambda _: True), "")
         self.config, self.call = config, fakes_control(config).call
-        self.grasp_m = config.table.position_m[2]
+        self.grasp_m = config.require("table").position_m[2]
 
 
 @contextmanager
@@ -152,7 +152,7 @@ def served(kind: Callable[[BenchConfig], Bench], bench: BenchConfig | None = Non
 
 def as_real(bench: BenchConfig) -> BenchConfig:
     """Return a bench without [fakes], which counts as real and so must have the height of its table."""
-    table = bench.table.model_copy(update={"top_m": TABLE_M})
+    table = bench.require("table").model_copy(update={"top_m": TABLE_M})
     return bench.model_copy(update={"fakes": None, "table": table})
 
 

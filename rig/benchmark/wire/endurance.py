@@ -241,7 +241,7 @@ def measure_endurance(
     ):
         make_ready(bench, operator)
         settings = TrialSettings(benches.config, 0, choose_estimator())
-        plan = plan_lift(settings, LiftTask(1, OBJECT, 1), Pose(benches.config.table.position_m))
+        plan = plan_lift(settings, LiftTask(1, OBJECT, 1), Pose(benches.config.require("table").position_m))
         operator.place(plan.object_id, plan.object_name)
         observer = StillContact(new_measurement(settings), bench.clock, recordings)
         with safe_end(bench):

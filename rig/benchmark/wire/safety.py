@@ -230,7 +230,7 @@ class _Place:
     def put_in_order(self) -> str:
         """Put the bench in order, answering all questions with yes. Return the reason for a failure."""
         self._call("fault", device="all", kind="clear")
-        campaign.switch_on(self._config.arm.host or "")
+        campaign.switch_on(getattr(self._config.arm, "host", ""))
         benches = WireBench(self._config)
         try:
             with closing(benches), benches.for_lift(1, "in order") as (bench, operator):

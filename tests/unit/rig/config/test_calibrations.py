@@ -18,7 +18,7 @@ from drivers.errors import CalibrationError, SessionError
 from rig.calibrate.kinds import compare_files
 from rig.config import BenchConfig, load_bench
 from rig.config.calibrations import find_calibrations, load_calibrated_bench
-from rig.config.fields import GripperLimitsConfig
+from rig.config.devices import GripperLimitsConfig
 from rig.config.in_use import CalibrationsInUse, CameraInUse, FileInUse
 from rig.config.load import BENCHES
 from rig.experiments.lift_plan import TrialSettings, stored_trial
@@ -155,16 +155,16 @@ def test_camera_calibration_of_another_serial_or_image_size_is_rejected(tmp_path
 @pytest.mark.parametrize(
     ("kind", "serials", "value", "said"),
     [
-        ("tactile", {"tactile": "SIM-D0001"}, {"pixel_aspect": 0.4}, "greater than or equal to 0.5"),
-        ("tactile", {"tactile": "SIM-D0001"}, {"pixel_aspect": 2.5}, "less than or equal to 2"),
+        ("tactile", {"tactile": "SIM-D0001"}, {"pixel_aspect": 0.4}, "must be at least 0.5"),
+        ("tactile", {"tactile": "SIM-D0001"}, {"pixel_aspect": 2.5}, "must be at most 2"),
         ("tactile", {"tactile": "SIM-D0001"}, {"pixel_aspect": 10**30}, "a number of 31 digits"),
-        ("sync", SYNC, {"add_to_stream_s": 1e308}, "less than or equal to 1"),
+        ("sync", SYNC, {"add_to_stream_s": 1e308}, "must be at most 1"),
         ("sync", SYNC, {"add_to_stream_s": "soon"}, "damaged"),
         ("hand-eye", CAMERA_SERIAL, {**PLACE, "quaternion_xyzw": [1.0, 1.0, 0.0, 0.0]}, "length 1.414"),
         ("hand-eye", CAMERA_SERIAL, {**PLACE, "quaternion_xyzw": [0.0] * 4}, "length 0, not 1"),
         ("hand-eye", CAMERA_SERIAL, {**PLACE, "translation_m": [400.0, 0.0, 0.0]}, "m are needed"),
         ("hand-eye", CAMERA_SERIAL, {**PLACE, "translation_m": [[1.0], {}, None]}, "damaged"),
-        ("gripper", GRIPPER, {"closing": {"counts": [6, 255], "opening_m": [12.0, 0.0]}}, "equal to 0.2"),
+        ("gripper", GRIPPER, {"closing": {"counts": [6, 255], "opening_m": [12.0, 0.0]}}, "at most 0.2"),
         ("gripper", GRIPPER, {"closing": {"counts": [6, 50, 255], "opening_m": [0.1, 0.12, 0]}}, "decrease"),
         ("gripper", GRIPPER, {"closing": {"counts": [50, 6], "opening_m": [0.1, 0.0]}}, "decrease from 50"),
         ("gripper", GRIPPER, {"closing": {"counts": [6], "opening_m": [0.1, 0.0]}}, "damaged"),

@@ -13,7 +13,7 @@ from calibration.gel.noise import CameraNoise
 from drivers.types import Image
 from fakes.studio.training_frames import LOOK_SEEDS_FROM, training_frames
 from fakes.studio.turning_frames import TURN_DEG, TurningFrame, turning_frames
-from rig.config.models import TactileConfig
+from rig.config.devices import FakeTactileConfig
 from rig.training.turning_examples import SIZE, example_of, turning_examples
 
 HEIGHT, WIDTH = 320, 240
@@ -87,6 +87,6 @@ def test_training_varies_looks_by_seeds_that_no_bench_accepts(kind: str) -> None
     assert len(seeds) >= 2
     assert min(seeds) >= LOOK_SEEDS_FROM
     sensor = {"driver": "fake", "serial": "S1", "look": "tactile-S1.npz"}
-    TactileConfig.model_validate({**sensor, "look_seed": LOOK_SEEDS_FROM - 1})
+    FakeTactileConfig.model_validate({**sensor, "look_seed": LOOK_SEEDS_FROM - 1})
     with pytest.raises(ValidationError, match="look_seed"):
-        TactileConfig.model_validate({**sensor, "look_seed": LOOK_SEEDS_FROM})
+        FakeTactileConfig.model_validate({**sensor, "look_seed": LOOK_SEEDS_FROM})

@@ -107,7 +107,7 @@ def addressed(config: BenchConfig, where: Addresses) -> BenchConfig:
         values["gripper"]["host"], values["gripper"]["port"] = where.gripper
     for sensor in (*values["tactile"], values["camera"]):
         sensor["address"] = where.streams[sensor["serial"]]
-    return BenchConfig.model_validate(values)
+    return BenchConfig.model_validate({**values, "calibrations": config.calibrations})
 
 
 def fakes_control(config: BenchConfig) -> Control:

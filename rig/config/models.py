@@ -5,10 +5,9 @@ from dataclasses import fields
 from typing import Annotated, Any, Literal, overload
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field, InstanceOf, model_validator
 
 from calibration.camera.model import CameraModel
-from calibration.gel.look import GelLook
 from drivers.errors import InputError, without_passwords
 from drivers.named_classes import is_class_name
 from drivers.types import ArmLimits, Box, GripperSpec, Pose
@@ -24,7 +23,7 @@ from rig.config.devices import (
     by_driver,
 )
 from rig.config.fields import Coordinate, FileName, HostPort, KeyPath, Point, Section
-from rig.config.in_use import CalibrationsInUse
+from rig.config.measured_values import Calibrations
 
 FAR_M = 10.0
 """Half size of an unbounded keep-out box; larger than any bench."""
@@ -114,8 +113,8 @@ class BenchConfig(Section):
     faults: tuple[FaultConfig, ...] = ()
     limits: tuple[LimitConfig, ...] = ()
     """Limits of figures, which decide whether lifts and sessions pass."""
-    calibrations: CalibrationsInUse = CalibrationsInUse()
-    """Measured values that replace the nominal ones above; found beside the file, never in it."""
+    calibrations: InstanceOf[Calibrations] = Field(default=Calibrations(), exclude=True)
+    """Measured values that replace the nominal ones above; in files beside the bench file or in a session."""
     objects: tuple[GraspFile, ...] = ()
     """A lab's own objects; found beside the file or in a given folder, never in the file."""
 
@@ -141,25 +140,17 @@ class BenchConfig(Section):
 
     def camera_model(self) -> CameraModel:
         """Return the calibrated camera; without a calibration, a pinhole with the file's focal length."""
-        camera, calibrated = self.require("camera"), self.calibrations.camera
-        if calibrated is None:
-            return CameraModel.pinhole(camera.size_px, camera.focal_px)
-        return calibrated.camera_model(camera.size_px)
+        camera = self.require("camera")
+        return self.calibrations.camera or CameraModel.pinhole(camera.size_px, camera.focal_px)
 
     def base_T_camera(self) -> Pose:  # noqa: N802 - frame names keep their case
         """Return the calibrated `base_T_camera`; without a calibration, that of the file."""
-        found = self.calibrations.base_T_camera
-        return self.require("camera").base_T_camera() if found is None else found.pose()
-
-    def camera_turn_sigma_rad(self) -> float:
-        """Return one sigma of `base_T_camera`'s orientation from the calibration; 0 if unknown."""
-        found = self.calibrations.base_T_camera
-        return 0.0 if found is None else found.turn_sigma_rad
+        return self.calibrations.base_T_camera or self.require("camera").base_T_camera()
 
     def object_distance_m(self) -> float:
         """Return the distance from the camera (`base_T_camera`) to an object in its place, m.
 
-        Without [table], the distance to the point that the camera looks at.
+        Without [table], the distance to `look_at_m` of the camera.
         """
         place = self.table.position_m if self.table is not None else self.require("camera").look_at_m
         return float(np.linalg.norm(np.subtract(self.base_T_camera().position_m, place)))
@@ -174,12 +165,7 @@ class BenchConfig(Section):
 
     def fingertips_alone(self) -> "BenchConfig":
         """Return a bench with only the fingertips of this one, and their calibrations."""
-        found = self.calibrations
-        own = CalibrationsInUse(
-            files={key: file for key, file in found.files.items() if key.startswith("tactile-")},
-            pixel_aspect=found.pixel_aspect,
-            gel=found.gel,
-        )
+        own = self.calibrations.of_fingertips()
         gone = dict.fromkeys(("arm", "gripper", "camera", "table", "reactions_allowed"))
         return self.model_copy(update={**gone, "keep_out": (), "calibrations": own})
 
@@ -187,10 +173,6 @@ class BenchConfig(Section):
         """Return width over height of each fingertip's pixels by serial, calibrated or from the file."""
         measured = self.calibrations.pixel_aspect
         return {t.serial: measured.get(t.serial, t.pixel_aspect) for t in self.tactile}
-
-    def gel_looks(self) -> dict[str, GelLook]:
-        """Return the calibrated looks of the fingertips that the bench file names, by serial."""
-        return {serial: gel.look() for serial, gel in self.calibrations.gel.items()}
 
     def arm_limits(self) -> ArmLimits:
         """Return the arm's limits with the keep-out boxes of the hand: the table and the boxes in the file.

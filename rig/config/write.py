@@ -14,8 +14,8 @@ def bench_text(config: BenchConfig) -> str:
 
     Required keys are also written if they equal their default.
     """
-    # calibrations and objects are found beside a bench file, so they are not written into it
-    values = config.model_dump(mode="json", exclude_defaults=True, exclude={"calibrations", "objects"})
+    # objects are found beside a bench file, so they are not written into it
+    values = config.model_dump(mode="json", exclude_defaults=True, exclude={"objects"})
     if config.has("arm", "camera"):
         values["camera"] |= {key: list(getattr(config.camera, key)) for key in BESIDE_ARM}
     if config.has("gripper"):

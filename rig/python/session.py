@@ -275,7 +275,7 @@ class Lift:
         self._require(serial)
         manifest, background = self._manifest, self.background(serial)
         choice = stored_choice(manifest.estimator, manifest.window, manifest.skip)
-        choice = replace(choice, gel=manifest.config.gel_looks().get(serial))
+        choice = replace(choice, gel=manifest.config.calibrations.gel.get(serial))
         compute_in_one_thread()
         made = choice.make(background, self.pixel_aspect(serial), self.sign(serial))
         return StreamingEstimator(made, background.shape, self.sign(serial))

@@ -13,11 +13,11 @@ from drivers.formats import shown
 from protocols.reaction import ReactionKind
 from rig.config import BenchConfig
 from rig.config.fields import FileName
-from rig.config.in_use import FileInUse
+from rig.config.measured_values import Calibrations, FileInUse
 from rig.config.objects import with_objects_of
 from rig.sessions.about import NO_REMARKS, Remarks
 from rig.sessions.codec import Codec, json_value, strict
-from rig.sessions.files import MANIFEST, RESULTS, read_whole
+from rig.sessions.files import CALIBRATIONS, MANIFEST, RESULTS, read_whole
 from rig.version import VERSION, processor
 
 SCHEMA_VERSION = 2
@@ -42,8 +42,9 @@ class Manifest:
 class BenchManifest(Manifest):
     """Common fields of trials and recordings: the bench and the random draws on it.
 
-    signs: of the fingertips by serial. calibration: the files in use, by kind and serial. config: the
-    bench with all values in use, a lab's own objects included. objects: ids. remarks: by people.
+    signs: of the fingertips by serial. calibration: the files in use, by kind and serials; their copies are
+    in the folder `CALIBRATIONS`. config: the bench, a lab's own objects included. objects: ids. remarks: by
+    people.
     """
 
     bench: str
@@ -137,7 +138,7 @@ def begun_on(
         seed=seed,
         serials=tuple(sensor.serial for sensor in bench.sensors),
         signs={t.serial: t.sign for t in bench.tactile},
-        calibration=bench.calibrations.files,
+        calibration=dict(bench.calibrations.files),
         config=with_objects_of(bench.without_passwords(), ids),
         objects=ids,
         remarks=remarks,
@@ -171,11 +172,15 @@ def read_manifest(folder: Path) -> AnyManifest:
     if head.kind not in RESULTS:
         raise SessionError(f"{path}: a {shown(head.kind)} session; this version reads {', '.join(RESULTS)}")
     try:
-        return _MANIFESTS.parsed(text)
+        manifest = _MANIFESTS.parsed(text)
     except ValueError as error:
         raise SessionError(
             f"{path}: {error}; the session is damaged, or a newer version of the rig wrote it"
         ) from error
+    if not isinstance(manifest, BenchManifest):
+        return manifest
+    stored = Calibrations(manifest.calibration, folder / CALIBRATIONS)
+    return replace(manifest, config=manifest.config.model_copy(update={"calibrations": stored}))
 
 
 def read_manifest_of(folder: Path, kind: type[Wanted] | tuple[type[Wanted], ...], why: str) -> Wanted:

@@ -1,6 +1,7 @@
 """Benches that lack parts, or mix simulated and real devices: rejected files, needs of commands."""
 
 from itertools import combinations
+from pathlib import Path
 
 import pytest
 
@@ -10,14 +11,23 @@ from rig.config.load import parse_bench
 from rig.config.parts import NEEDS, require_parts, working
 from rig.config.write import bench_text
 from support.benches import real_bench
+from support.command_line import rig
 
 FAKE = (BENCHES / "fake.toml").read_text()
 REAL = real_bench()
 DESK = 'name = "desk"\n[[tactile]]\ndriver = "digit"\nserial = "D20641"\n'
-EYE = 'driver = "camera"\naddress = "/dev/video4"\n'
+DIGITS = FAKE.replace('[[tactile]]\ndriver = "fake"', '[[tactile]]\ndriver = "digit"')
+CAMERA = FAKE.replace('[camera]\ndriver = "fake"', '[camera]\ndriver = "camera"\naddress = "/dev/video4"')
+HEAD, FIRST_TIP, REST = FAKE.split("[[tactile]]")
+ONE_TIP = f"{HEAD}[[tactile]]{FIRST_TIP}[camera]{REST.partition('[camera]')[2]}"
 SECTIONS = ("arm", "gripper", "tactile", "camera")
-MOVING = {command for command, needs in NEEDS.items() if "[arm]" in needs}
-STANDING = set(NEEDS) - MOVING
+ARGUMENTS = {
+    "rig record": ("--object", "7"),
+    "rig record --by hand": ("--object", "7"),
+    "rig teach": ("7",),
+    "rig calibrate tactile --ball-mm": ("9.5",),
+}
+"""What the commands of `NEEDS` need on the command line besides a bench."""
 
 
 def without(*sections: str, text: str = FAKE) -> BenchConfig:
@@ -39,20 +49,6 @@ def refusal(text: str) -> str:
     return str(raised.value)
 
 
-def as_digits(text: str) -> str:
-    """Make the fingertips of a bench file real."""
-    head, *tips = text.split("[[tactile]]")
-    last, camera, tail = tips[-1].partition("[camera]")
-    real = [tip.replace('driver = "fake"', 'driver = "digit"') for tip in [*tips[:-1], last]]
-    return "[[tactile]]".join([head, *real]) + camera + tail
-
-
-def with_camera(text: str) -> str:
-    """Make the camera of a bench file real."""
-    head, camera, tail = text.partition("[camera]\n")
-    return head + camera + tail.replace('driver = "fake"', EYE, 1)
-
-
 def test_one_sensor_is_a_bench_whose_missing_sections_are_named() -> None:
     config = parse_bench(DESK, "b.toml")
     assert [t.serial for t in config.tactile] == ["D20641"]
@@ -61,6 +57,10 @@ def test_one_sensor_is_a_bench_whose_missing_sections_are_named() -> None:
     assert not config.has("arm")
     with pytest.raises(InputError, match=r"bench 'desk' has no \[arm\]: add it to the bench file"):
         config.require("arm")
+    with pytest.raises(
+        InputError, match=r"needs \[arm\], \[gripper\], two \[\[tactile\]\] and \[camera\], which"
+    ):
+        require_parts(config, "rig trial")
     assert BenchConfig.model_validate(config.model_dump(mode="json")) == config
 
 
@@ -73,30 +73,41 @@ def test_any_devices_but_not_all_may_be_missing(text: str) -> None:
             assert parse_bench(bench_text(config), "b.toml") == config
 
 
-@pytest.mark.parametrize("gone", SECTIONS)
-def test_commands_are_refused_exactly_without_a_section_that_they_need(gone: str) -> None:
-    config = without(gone)
-    name = "[[tactile]]" if gone == "tactile" else f"[{gone}]"
-    for command, needs in NEEDS.items():
-        if not any(name in need for need in needs):
-            require_parts(config, command)
-            continue
-        with pytest.raises(InputError) as refused:
-            require_parts(config, command)
-        message = str(refused.value)
-        assert message.startswith(f"{command} needs ")
-        assert name in message.partition("which bench 'fake' lacks")[0]
-        assert "rig bench new FILE" in message
-        assert message.endswith(f"Without, these work: {', '.join(working(config))}")
-        assert command not in message.partition("these work: ")[2].split(", ")
+@pytest.mark.parametrize(
+    ("config", "part"),
+    [
+        (without("arm"), "[arm]"),
+        (without("gripper"), "[gripper]"),
+        (without("tactile"), "[[tactile]]"),
+        (without("camera"), "[camera]"),
+        (parse_bench(ONE_TIP, "b.toml"), "two [[tactile]]"),
+        (parse_bench(DIGITS, "b.toml"), "[arm]"),
+        (parse_bench(CAMERA, "b.toml"), "[arm]"),
+    ],
+    ids=[*SECTIONS, "second fingertip", "real fingertips", "real camera"],
+)
+def test_commands_are_refused_exactly_on_a_bench_without_a_part_that_they_need(
+    config: BenchConfig, part: str, tmp_path: Path
+) -> None:
+    file = tmp_path / "b.toml"
+    file.write_text(bench_text(config))
+    refused = [command for command, needs in NEEDS.items() if any(part in need for need in needs)]
+    allowed = [command for command in NEEDS if command not in refused]
+    said = f"{part}, which bench 'fake' lacks: add it to the bench file (rig bench new FILE"
+    if config.mixed:
+        said = "moves the arm, and bench 'fake' has simulated devices"
+    assert [*working(config)] == allowed
+    for command in allowed:
+        require_parts(config, command)
+    for command in refused:
+        shown = rig(*command.split()[1:], *ARGUMENTS.get(command, ()), "--bench", file)
+        before, found, _ = shown.stderr.partition(said)
+        assert (shown.returncode, found) == (2, said)
+        assert command.removesuffix(" --ball-mm") in before
+        assert shown.stderr.strip().endswith(f", these work: {', '.join(allowed)}")
 
 
-def test_one_fingertip_is_too_few_for_closing_fingers() -> None:
-    head, first, rest = FAKE.split("[[tactile]]")
-    config = parse_bench(f"{head}[[tactile]]{first}[camera]{rest.partition('[camera]')[2]}", "b.toml")
-    with pytest.raises(InputError, match=r"rig trial needs two \[\[tactile\]\], which bench 'fake' lacks"):
-        require_parts(config, "rig trial")
-    require_parts(config, "rig record --by hand")
+def test_whole_bench_serves_every_command() -> None:
     for whole in (*map(load_bench, ("fake", "hard", "wire")), parse_bench(REAL, "b.toml")):
         assert [*working(whole)] == [*NEEDS]
 
@@ -159,20 +170,10 @@ def test_real_arm_or_gripper_beside_any_simulated_device_is_refused(fake: str) -
         assert f"{kind}.driver: is real and would react to data of simulated devices" in message
 
 
-@pytest.mark.parametrize("text", [as_digits(FAKE), with_camera(FAKE)], ids=["fingertips", "camera"])
-def test_real_sensors_beside_a_simulated_arm_work_in_commands_without_motion(text: str) -> None:
-    config = parse_bench(text, "b.toml")
-    assert config.mixed
-    assert {*working(config)} == STANDING
-    for command in MOVING:
-        with pytest.raises(InputError, match=rf"{command} moves the arm, and bench 'fake' has simulated"):
-            require_parts(config, command)
-
-
 def test_data_are_simulated_if_their_own_device_is() -> None:
-    mixed = parse_bench(as_digits(FAKE), "b.toml")
+    mixed = parse_bench(DIGITS, "b.toml")
     fault = '\n[[faults]]\ndevice = "arm"\nkind = "drop"\nat_s = 1.0\n'
-    assert "faults: work only if all devices are simulated in" in refusal(as_digits(FAKE) + fault)
+    assert "faults: work only if all devices are simulated in" in refusal(DIGITS + fault)
     assert not mixed.gives_simulated("SIM-D0001")
     assert mixed.gives_simulated("SIM-C0001")
     assert mixed.gives_simulated("arm")
@@ -184,7 +185,7 @@ def test_data_are_simulated_if_their_own_device_is() -> None:
     assert not parse_bench(REAL, "b.toml").gives_simulated("D20001", "D20002", "camera", "arm", "gripper")
 
 
-@pytest.mark.parametrize("text", [DESK, FAKE, REAL, as_digits(FAKE)], ids=["desk", "fake", "real", "mixed"])
+@pytest.mark.parametrize("text", [DESK, FAKE, REAL, DIGITS], ids=["desk", "fake", "real", "mixed"])
 def test_written_bench_reads_back_as_the_same_bench(text: str) -> None:
     config = parse_bench(text, "b.toml")
     assert parse_bench(bench_text(config), "b.toml") == config

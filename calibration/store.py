@@ -19,6 +19,9 @@ from drivers.errors import CalibrationError, FormatError, RecordingError, counte
 from drivers.formats import write_whole
 
 SCHEMA = 1
+"""Version of the layout of calibration files."""
+OLD_DAYS = 30.0
+"""Age of a calibration from which it should be checked."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,7 +5,8 @@ stream to get those of the first. With a drift `d` (ppm) the offset holds at the
 grows by d microseconds per second.
 """
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +27,11 @@ _SPAN_NS = 100_000_000
 """Interval over which an angular speed is measured: shorter is noisy, longer smooths the motion away."""
 _SAME_NS = 100_000
 """Samples in the same interval of this length count once; a stream of 5 kHz keeps all of its samples."""
+_BURSTS = 0.5
+"""Fraction of the samples that share their time with another one, from which on the times are those of
+bursts: a serial adapter or a network card delivers several samples at once, or the times are rounded."""
+_UNEVEN = 0.5
+"""Standard deviation of the number of samples per time, over its mean, above which bursts are not regular."""
 _AROUND = 15
 """Samples of the running median: more than twice the spikes that one flip of a detector causes."""
 WORST_MS = 5.0
@@ -57,22 +63,28 @@ _DRIFT_FROM_S = 60.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TimedSignal:
-    """A signal on one clock: time_ns (N,) int64 increasing, values (N,) float64."""
+    """A signal on one clock: time_ns (N,) int64 increasing, values (N,) float64.
+
+    resolution_s: interval of the recorded times if several samples shared each, else 0.
+    """
 
     time_ns: NDArray[np.int64]
     values: Array
+    resolution_s: float = 0.0
 
 
 def make_stream(time_ns: NDArray[np.int64], values: Array, name: str) -> TimedSignal:
     """Sort samples by time; remove repeated samples (within 0.1 ms), and values that are NaN or infinite.
 
-    name: of the stream, for errors. Raises `CalibrationError` for times that are not integers, shapes that
-    differ, a clock that jumps by more than an hour, or fewer than 20 samples.
+    Regular bursts of different values with one time are spread over the time since the burst before. name: of
+    the stream, for errors. Raises `CalibrationError` for times that are not integers, shapes that differ, a
+    clock that jumps by more than an hour, irregular bursts, or fewer than 20 samples.
     """
     times, signal = np.asarray(time_ns), np.asarray(values, np.float64)
     if times.dtype.kind not in "iu" or times.ndim != 1 or times.shape != signal.shape:
         raise CalibrationError(f"sync: {name}: times in integer ns and as many values are needed")
-    times, finite = times.astype(np.int64), np.isfinite(signal)
+    times, resolution_s = _without_bursts(times.astype(np.int64), signal[:, None], name)
+    finite = np.isfinite(signal)
     usable = _in_order(times, finite)
     count, lasts_s = int(finite.sum()), float(np.ptp(times[finite])) / 1e9 if finite.any() else 0.0
     interval_s = float(np.median(np.diff(times[usable]))) / 1e9 if len(usable) > 1 else 0.0
@@ -89,7 +101,7 @@ def make_stream(time_ns: NDArray[np.int64], values: Array, name: str) -> TimedSi
     longest_s = float(np.diff(times[usable]).max()) / 1e9
     if longest_s > 3600.0:
         raise CalibrationError(f"sync: {name}: its clock jumps by {longest_s / 3600:.1f} h; record again")
-    return TimedSignal(times[usable], signal[usable])
+    return TimedSignal(times[usable], signal[usable], resolution_s)
 
 
 def turning_rate(
@@ -104,6 +116,7 @@ def turning_rate(
     times, values = np.asarray(time_ns), np.asarray(quaternions_xyzw, np.float64)
     if values.shape != (len(times), 4):
         raise CalibrationError(f"sync: {name}: (N, 4) quaternions for N times are needed, got {values.shape}")
+    times, resolution_s = _without_bursts(times, values, name)
     # the comparison is False for NaN
     usable = _in_order(times, np.abs(np.linalg.norm(values, axis=1) - 1.0) < 0.01)
     times, values = times[usable], values[usable]
@@ -127,7 +140,37 @@ def turning_rate(
     # from the running median
     away = np.abs(rates - median_filter(rates, _AROUND, mode="nearest"))
     usual = median_filter(away, 8 * _AROUND + 1, mode="nearest")
-    return make_stream(middle, np.where(away > 5.0 * 1.4826 * usual + 0.05, np.nan, rates), name)
+    stream = make_stream(middle, np.where(away > 5.0 * 1.4826 * usual + 0.05, np.nan, rates), name)
+    return replace(stream, resolution_s=resolution_s)
+
+
+def _without_bursts(times: NDArray[np.int64], values: Array, name: str) -> tuple[NDArray[np.int64], float]:
+    """Return times (N,) in which regular bursts are spread, and the interval of the bursts in s, else 0.
+
+    The samples of a burst came evenly since the burst before, in their order. values: (N, K). Raises
+    `CalibrationError` for irregular bursts.
+    """
+    order = np.argsort(times, kind="stable")
+    sorted_ns = times[order]
+    begins = np.flatnonzero(np.diff(sorted_ns, prepend=sorted_ns[:1] - 10 * _SAME_NS) > _SAME_NS)
+    sizes = np.diff(begins, append=len(times))
+    changes = np.any(np.diff(values[order], axis=0) != 0.0, axis=1)
+    copied = np.zeros(len(times), bool)
+    copied[1:] = (np.diff(sorted_ns) <= _SAME_NS) & ~changes
+    if len(begins) < 2 or copied.any() or sizes[sizes > 1].sum() < _BURSTS * len(times):
+        return times, 0.0
+    if sizes.std() > _UNEVEN * sizes.mean():
+        raise CalibrationError(
+            f"sync: {name}: {counted(len(times), 'sample')} share {len(begins)} times, irregularly: "
+            "record the time of each sample"
+        )
+    stamps = sorted_ns[begins]
+    usual_ns = float(np.median(np.diff(stamps)))
+    since_ns = np.minimum(np.diff(stamps, prepend=stamps[0] - usual_ns), 1.5 * usual_ns)
+    left = np.repeat(begins + sizes - 1, sizes) - np.arange(len(times))  # later samples of the same burst
+    spread = np.empty(len(times), np.int64)
+    spread[order] = sorted_ns - (np.repeat(since_ns / sizes, sizes) * left).astype(np.int64)
+    return spread, usual_ns / 1e9
 
 
 def _in_order(times: NDArray[np.int64], usable: NDArray[np.bool_]) -> NDArray[np.int64]:
@@ -182,7 +225,9 @@ def time_offset(
     grid = np.arange(-search_s, search_s + _GRID_S / 2, _GRID_S)
     costs = np.array([streams.fitted(float(g)).cost for g in steps(grid)])
     minima = sorted((streams.refined(float(grid[i])) for i in _valleys(costs)), key=lambda m: m.cost)
-    return _result(streams, minima, search_s, worst_ms)
+    # Whether times are rounded up, down or to the nearest is unknown.
+    rounding_s = math.hypot(first.resolution_s, second.resolution_s) / math.sqrt(12.0)
+    return _result(streams, minima, search_s, worst_ms, rounding_s)
 
 
 @dataclass(frozen=True, slots=True)
@@ -248,7 +293,10 @@ class _Streams:
         return np.column_stack(columns), self.wanted - self.wanted.mean() - gain * columns[1]
 
 
-def _result(streams: _Streams, minima: list[_Minimum], search_s: float, worst_ms: float) -> TimeOffset:
+def _result(
+    streams: _Streams, minima: list[_Minimum], search_s: float, worst_ms: float, rounding_s: float
+) -> TimeOffset:
+    """Return the lowest minimum with its sigma and verdict. rounding_s: sigma of the recorded times."""
     best, count = minima[0], len(streams.t2)
     system, rest = streams.linearised(best.offset_s, best.drift)
     power = float(rest @ rest)
@@ -261,7 +309,7 @@ def _result(streams: _Streams, minima: list[_Minimum], search_s: float, worst_ms
     sigma = best.noise * unit * fewer
     explained = 1.0 - best.cost / float(((streams.wanted - streams.wanted.mean()) ** 2).sum())
     period_s = _period_s(streams, minima, count / fewer**2)
-    sigma_s, assessment = float(sigma[0]), None
+    sigma_s, assessment = math.hypot(float(sigma[0]), rounding_s), None
     if not explained >= _LEAST_EXPLAINED or not np.isfinite(sigma_s):
         share = f"the signals share only {max(explained, 0.0):.0%} of their motion"
         reason = f"{share}: wiggle by several degrees"
@@ -272,7 +320,10 @@ def _result(streams: _Streams, minima: list[_Minimum], search_s: float, worst_ms
     elif abs(best.offset_s) > search_s - 2 * _GRID_S:
         reason = f"the offset lies at the end of the search (+-{search_s:g} s): search wider"
     else:
-        reason = "the offset is known to {value:.2f} ms only: wiggle faster or longer"
+        cure = "wiggle faster or longer"
+        if rounding_s > float(sigma[0]):
+            cure = "several samples share one time: record the time of each sample, with more digits"
+        reason = f"the offset is known to {{value:.2f}} ms only: {cure}"
         assessment = limits((1e3 * sigma_s, min(1.0, worst_ms), worst_ms, reason))
     assessment = assessment or Assessment((reason,))
     if assessment.refusals:

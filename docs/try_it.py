@@ -23,7 +23,7 @@ _INDENTED = re.compile(r"^ {4}rig .*$", re.MULTILINE)
 _FENCE = re.compile(r"^```sh$(.*?)^```$", re.DOTALL | re.MULTILINE)
 NEEDS = {
     r"--bench my_bench\.toml": "needs hardware",
-    r"^rig live (?!.*--seconds)": "needs a person who ends it",
+    r"^rig live (?!.*--seconds)|^rig show": "needs a person who ends it",
     r"HOST:PORT": "needs a cluster",
     r"\bD20641\b": "needs a sensor",
     r"^rig label-angle|^rig label ": "needs a person who draws",

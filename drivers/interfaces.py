@@ -131,6 +131,17 @@ class Gripper(Device, Protocol):
     def stop(self) -> None:
         """Hold the fingers where they are."""
 
+    def keep_grip(self, most_m: float) -> None:
+        """Keep the grip of the last motion until the next command (`move_to`, `stop`, `activate`).
+
+        If the fingers open beyond `most_m` although no command was given, the driver's own loop closes them
+        again at once, with the position, speed and force of that motion, and every later state has
+        `reclosed_from_m`. This is the only motion that a driver may start without a call. It is not started
+        if the gripper has a fault, is not activated, or has received a command from another program. The
+        opening is read at least every 20 ms. Returns at once; after a stop there is no grip to keep, and
+        nothing happens. Not supported by default: `protocols.pump` then stops fingers that open.
+        """
+
 
 class FrameSource(Device, Protocol):
     """A device that captures frames; frames that are not read in time are counted as dropped."""

@@ -171,8 +171,10 @@ class GripperState:
     closing, as the gripper reports it; a light grip is not detected. `obstructed`: a grasping finger met an
     obstacle while opening. current_a: motor current, A; None if the gripper does not measure it. raw: the
     gripper's own readings by name; recordings keep `position_counts` and `current_counts`. mode: grasp mode
-    of a gripper that has several; only in `BASIC_MODE` do its fingers close against each other. There is no
-    force, because the Robotiq 3-Finger gripper cannot measure one (manual, gCU is a current).
+    of a gripper that has several; only in `BASIC_MODE` do its fingers close against each other.
+    reclosed_from_m: largest opening from which the driver closed a kept grip again that had opened without a
+    command (`Gripper.keep_grip`), m; None if there was none since `connect` or `activate`. There is no force,
+    because the Robotiq 3-Finger gripper cannot measure one (manual, gCU is a current).
     """
 
     time_ns: int
@@ -185,6 +187,7 @@ class GripperState:
     current_a: float | None = None
     raw: Mapping[str, int] = field(default_factory=dict, hash=False)
     mode: str = BASIC_MODE
+    reclosed_from_m: float | None = None
 
     def __post_init__(self) -> None:
         require_type("the gripper's mode", self.mode, str)
@@ -193,8 +196,9 @@ class GripperState:
         require_number("the gripper's opening_m", self.opening_m, -LARGEST_OPENING_M, LARGEST_OPENING_M)
         for name in ("activated", "moving", "gripping", "obstructed"):
             require_type(f"the gripper's {name}", getattr(self, name), bool)
-        if self.current_a is not None:
-            require_number("the gripper's current_a", self.current_a)
+        for name in ("current_a", "reclosed_from_m"):
+            if (value := getattr(self, name)) is not None:
+                require_number(f"the gripper's {name}", value)
         require_type("the gripper's raw", self.raw, Mapping)
         for name, value in self.raw.items():
             require_type("a name in the gripper's raw", name, str)

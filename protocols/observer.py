@@ -51,6 +51,16 @@ class LiftEvents(Protocol):
         """Receive a step of a reaction to slip. position: commanded, in the gripper's steps from open."""
 
 
+class NoEvents(LiftEvents):
+    """Ignores all events: takes the place of an observer that is not needed."""
+
+    def close(self) -> None:
+        """Do nothing, as there is nothing to release."""
+
+
+NO_EVENTS = NoEvents()
+
+
 class LiftObserver(LiftEvents, Protocol):
     """Receives the events of a lift, and reports whether a fingertip is in contact."""
 

@@ -67,7 +67,7 @@ def share_left(untouched: Imprint, held: Imprint, now: Imprint) -> float:
 FRAME_TIMEOUT_S = 0.25
 """Time without a frame after which a source counts as silent."""
 JITTER = 0.1
-"""Fraction of its period by which a frame may be captured early."""
+"""Largest fraction of its period that a frame may be early."""
 CATCH_UP_S = 3.0
 """Extra time in which a loaded host may deliver late frames, s."""
 PICTURE_S = 0.004
@@ -204,7 +204,16 @@ class Pump:
         self._observer.frame(frame)
 
     def _require_still(self, state: GripperState) -> None:
-        """Stop the fingers and raise `FingerMotionError` if they have moved without a command."""
+        """Raise `FingerMotionError` if the fingers have moved without a command.
+
+        A driver that keeps the grip has closed them again (`Gripper.keep_grip`); otherwise they are stopped.
+        """
+        why = "another program commands the gripper, it lost its power, or its drive slips"
+        if state.reclosed_from_m is not None:
+            raise FingerMotionError(
+                f"gripper: the fingers opened to {1e3 * state.reclosed_from_m:.1f} mm without a command, and "
+                f"its driver closed them again: {why}. Check the gripper, then start again"
+            )
         if self._still_m is None or self._still_m[0] <= state.opening_m <= self._still_m[1]:
             return
         low, high = self._still_m
@@ -213,8 +222,7 @@ class Pump:
         moved = "opened" if state.opening_m > high else "closed"
         raise FingerMotionError(
             f"gripper: the fingers {moved} to {1e3 * state.opening_m:.1f} mm without a command (allowed: "
-            f"{1e3 * low:.1f} to {1e3 * high:.1f} mm): another program commands the gripper, it lost its "
-            "power, or its drive slips. Check the gripper, then start again"
+            f"{1e3 * low:.1f} to {1e3 * high:.1f} mm): {why}. Check the gripper, then start again"
         )
 
 

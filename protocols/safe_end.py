@@ -18,7 +18,7 @@ from protocols.steps import lower_and_release, open_and_rise
 
 BESIDE_M = 0.005
 TURNED_RAD = 0.05
-"""Beyond these distances from above the place where it closed, a hand must not move straight down to it."""
+"""A hand that is further away from above its grasp must not move straight down to it."""
 REACH_M = 0.06
 """Height above a grasp beyond which the fingers surround nothing: no object is that high above its grasp."""
 

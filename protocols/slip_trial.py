@@ -21,10 +21,15 @@ from protocols.steps import (
 )
 
 REFERENCE_S = 0.25
-GRASP_S, SETTLE_S = 3.0, 0.8
-"""Duration of phase A, and least time from the end of the closing until the lift."""
+"""Duration of the frames without contact before the fingers close."""
+GRASP_S = 3.0
+"""Duration of phase A, from the first closing step to the lift."""
+SETTLE_S = 0.8
+"""Least time from the end of the closing until the lift."""
 LIFT_S = 1.5
+"""Duration of phase B, the lift."""
 HOLD_S = 1.2
+"""Duration of phase C, the hold."""
 SEEN_S = 0.3
 """Observation time before an early set-down after a reaction, so that the final angle is recorded."""
 LIFT_TIMEOUT_S = 8.0

@@ -24,9 +24,14 @@ from protocols.observer import LiftObserver, Phase
 from protocols.pump import Pump
 
 TRAVEL_SPEED_M_S = 0.25
+"""Speed of the arm without an object, and of the retreat after a release."""
 LOWER_SPEED_M_S = 0.10
+"""Speed of the arm that sets an object down, and at which a low hand rises."""
 ACCELERATION_M_S2 = 1.0
-"""Speed of travel, speed of setting down, and acceleration of all motions."""
+"""Acceleration of the arm in all motions but the lift, whose acceleration follows from its duration."""
+FINGER_SPEED_M_S = 100 * (0.155 / 249)
+"""Speed at which fingers close and open; a slower or faster gripper moves at its own limit. In the middle of
+the range of a Robotiq 3-Finger (22 to 110 mm/s): 100 counts per second, where 249 counts are 155 mm."""
 CLEARANCE_M = 0.10
 """Height above the grasp from which the hand approaches, and to which it retreats."""
 LEVEL_M = 0.001
@@ -50,9 +55,8 @@ MOTION_TIMEOUT_S = 15.0
 SLOWEST = 0.05
 """Lowest position of the arm's speed slider that lengthens the time limits of motions."""
 REACHED_M = 0.002
-"""Tolerance of a reached opening, m: a third of the 6 mm by which a release opens wider than the object
-(2 x `MARGIN_M`), so fingers within this tolerance do not touch the object. Three steps of a Robotiq
-3-Finger."""
+"""Tolerance of a reached opening: three steps of a Robotiq 3-Finger. A release opens 6 mm wider than the
+object (2 x `MARGIN_M`), so fingers within this tolerance do not touch it."""
 STILL_M, STILL_STEPS = 0.001, 2
 """Largest change of the opening of fingers that stand still, m, but at least this number of steps:
 noise of the reading. A grip of 1.9 mm (that of a wrench) still holds if opening fingers are stopped there."""
@@ -155,18 +159,23 @@ def move_fingers(bench: Bench, opening_m: float, pump: Pump | None = None) -> Gr
     whose finger met an obstacle ignores further commands in the same direction until rGTO is cleared (manual,
     OBJECT STATUS). If the hand held an object and its fingers opened less than requested, it counts as still
     holding it. After any other failed opening its state becomes unknown. Afterwards the pump compares the
-    opening with the reached one, until the next motion.
+    opening with the reached one, until the next motion; on a held object the gripper keeps the grip
+    (`Gripper.keep_grip`).
     """
     opens = opening_m > bench.gripper.state().opening_m
     if pump is not None:
         pump.expect_fingers(None)
-    _wait(pump, bench.gripper.move_to(opening_m), MOTION_TIMEOUT_S, "the fingers")
+    motion = bench.gripper.move_to(opening_m, float(np.clip(FINGER_SPEED_M_S, *bench.gripper.spec.speed_m_s)))
+    _wait(pump, motion, MOTION_TIMEOUT_S, "the fingers")
     reached = bench.gripper.state()
     problem = _problem(reached, opening_m, opens, bench.gripper.spec)
     if problem is None:
-        if pump is not None:  # fingers that stopped at an object close further if it gives way
-            slack_m = max(STILL_M, STILL_STEPS * bench.gripper.spec.resolution_m) + _ROUNDING_M
-            low_m, high_m = sorted((reached.opening_m, opening_m))
+        # fingers that stopped at an object close further if it gives way
+        slack_m = max(STILL_M, STILL_STEPS * bench.gripper.spec.resolution_m) + _ROUNDING_M
+        low_m, high_m = sorted((reached.opening_m, opening_m))
+        if bench.hand.state.holding is Holding.HELD and not opens:
+            bench.gripper.keep_grip(high_m + slack_m)
+        if pump is not None:
             pump.expect_fingers((low_m - slack_m, high_m + slack_m))
         return reached
     with suppress(DeviceError):  # the error below is more informative

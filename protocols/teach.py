@@ -13,6 +13,7 @@ from drivers.types import ArmMode, HandState, Holding, Pose
 from protocols.observer import LiftObserver
 from protocols.operator import Operator
 from protocols.safe_end import safe_end
+from protocols.slip_trial import REFERENCE_S
 from protocols.steps import (
     MOTION_TIMEOUT_S,
     close_to_contact,
@@ -22,8 +23,6 @@ from protocols.steps import (
     start_watching,
 )
 
-REFERENCE_S = 0.25
-"""Duration of the frames without contact before the fingers close."""
 STEP_SPEED_M_S, STEP_ACCELERATION_M_S2 = 0.02, 0.2
 """Speed and acceleration of a step by keys."""
 STEPS_M = {"1": 0.0005, "2": 0.002, "3": 0.01}

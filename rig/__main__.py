@@ -10,7 +10,7 @@ from rig import require_own_packages
 STOPPED = 3
 """Exit code of a command that a person stopped (`rig.cli.common.Exit`)."""
 ESTIMATING = (
-    "trial", "replay", "live", "estimate", "explain", "label-angle", "bridge", "benchmark", "train-turning",
+    "trial", "replay", "live", "show", "estimate", "explain", "label-angle", "bridge", "benchmark",
 )  # fmt: skip
 """Commands that estimate with `slip` unless another estimator is named."""
 NO_ESTIMATE = {"-h", "--help", "--dry-run"}

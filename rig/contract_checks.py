@@ -280,6 +280,20 @@ class TestGripper:
         assert abs(bench.gripper.state().opening_m - held_m) <= tolerance_m(spec)
 
     @pytest.mark.moves
+    def test_kept_grip_moves_nothing_and_ends_with_the_next_command(self, bench: Bench) -> None:
+        spec = bench.gripper.spec
+        bench.gripper.move_to(part_closed_m(spec)).wait(MOTION_S)
+        before_m = bench.gripper.state().opening_m
+        bench.gripper.keep_grip(before_m + tolerance_m(spec))
+        pause(bench, 0.3)
+        assert bench.gripper.state().opening_m == before_m
+        for opening_m in (spec.opening_at(spec.step_at(before_m) // 2), spec.open_m):
+            bench.gripper.move_to(opening_m).wait(MOTION_S)
+            pause(bench, 0.3)
+            assert abs(bench.gripper.state().opening_m - opening_m) <= tolerance_m(spec)
+        assert bench.gripper.state().reclosed_from_m is None
+
+    @pytest.mark.moves
     def test_motions_outside_the_limits_are_refused(self, bench: Bench) -> None:
         spec = bench.gripper.spec
         before_m = bench.gripper.state().opening_m

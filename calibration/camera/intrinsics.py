@@ -153,11 +153,6 @@ def held_out_error(views: Sequence[View], lens: LensModel, folds: int = 5) -> fl
     return float(np.sqrt(np.concatenate(squares).mean()))
 
 
-def predict(camera: CameraModel, views: Sequence[View]) -> float:
-    """Return the rms px by which a camera misses the corners of views it was not fitted to (poses fitted)."""
-    return float(np.sqrt(np.concatenate([_missed(camera, view) for view in views]).mean()))
-
-
 def lens_covariance(fit: Fit) -> tuple[Array, float]:
     """Return the covariance (P, P) of the free lens terms, poses marginalised, and the corner noise, px.
 

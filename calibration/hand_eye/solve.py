@@ -8,7 +8,6 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
-from scipy.stats import f as f_distribution
 
 from calibration.camera.model import CameraModel
 from calibration.hand_eye.refine import (
@@ -102,13 +101,6 @@ class HandEyeResult:
     problem: Problem | None = None
     refined: Refined | None = None
     sigmas: Array | None = None
-
-    def holds(self, error: Array) -> bool:
-        """Whether a (6,) error lies within the 95 % confidence region (F test); False without an estimate."""
-        if self.covariance is None:
-            return False
-        bound = float(6 * f_distribution.ppf(0.95, 6, max(self.samples - 1, 1)))
-        return float(error @ np.linalg.solve(self.covariance, error)) <= bound
 
 
 def calibrate_hand_eye(samples: Sequence[HandEyeSample], camera: CameraModel, setup: Setup) -> HandEyeResult:

@@ -108,14 +108,17 @@ def in_number_order(files: Iterable[Path]) -> list[Path]:
     """Return files sorted by name: 2.png before 10.png, 0.1337035.png before 0.867143.png.
 
     Digits with one point are a decimal number, as in names that are times, if all have equally many digits
-    after the point, or none ends with a 0, which programs leave out. Otherwise they are two integers, as in
-    1.9.png and 1.10.png, frames of lift 1.
+    after the point, none ends with a 0, which programs leave out, or one that begins with a 0 has more digits
+    than another, which a counter has not. Otherwise they are two integers, as in 1.9.png and 1.10.png, frames
+    of lift 1.
     """
     files = list(files)
     fractions = [fraction for file in files for fraction in _FRACTION.findall(file.stem)]
     one_width = len({len(fraction) for fraction in fractions}) < 2
     no_end_zero = not any(fraction.endswith("0") and len(fraction) > 1 for fraction in fractions)
-    number = _DECIMAL if one_width or no_end_zero else _WHOLE
+    shortest = min(map(len, fractions), default=0)
+    no_counter = any(fraction.startswith("0") and len(fraction) > shortest for fraction in fractions)
+    number = _DECIMAL if one_width or no_end_zero or no_counter else _WHOLE
 
     def key(file: Path) -> tuple[list[str | Decimal], str]:
         parts = number.split(file.stem)  # text and numbers take turns

@@ -8,13 +8,14 @@ stroke of 155 mm.
 
 A finger that met an object at the force limit stays there until it is commanded in the other direction, the
 force is raised, or rGTO is cleared and set again (manual, OBJECT STATUS). A further motion in the same
-direction ends immediately, at the contact. The driver clears rGTO only in `stop`, because the manual warns
-that doing so often wears the gripper out.
+direction ends immediately, at the contact. The driver clears rGTO only in `stop`, and to close fingers that
+opened without a command (`KeptGrip`), because the manual warns that doing so often wears the gripper out.
 """
 
 import threading
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from dataclasses import replace
 
 from drivers.clock import Clock, SystemClock, require_full_speed, to_ns
 from drivers.errors import DeviceError, DeviceTimeoutError, NotConnectedError
@@ -61,13 +62,61 @@ ACTIVATION_TIMEOUT_S = 30.0
 fault 0x0E after 20 s (manual, FAULT STATUS)."""
 
 
+class KeptGrip:
+    """The reaction to fingers that open without a command: the command of the grip again.
+
+    It sees each status that is read. A gripper may ignore a request that its registers already contain, so
+    rGTO is cleared, which stops the fingers, and set again as soon as the status shows that. While they
+    close, only a larger opening starts this again. Any other status ends the reaction for good: a fault, a
+    lost activation, or a request or a stop from another program, which may be that of a person.
+
+    command: the motion that made the grip. opening_at: the opening of a status, m. most_m: the largest
+    opening of the grip. note: called with each larger opening, before the reaction to it.
+    """
+
+    def __init__(
+        self, command: Command, opening_at: Callable[[Status], float], most_m: float,
+        note: Callable[[float], None],
+    ) -> None:  # fmt: skip
+        self._command, self._released = command, replace(command, go_to=False)
+        self._opening_at, self._most_m, self._note = opening_at, most_m, note
+        self._limit_m = most_m
+        self._sent = command
+        self._recloses = self._ended = False
+
+    def react(self, status: Status) -> tuple[int, ...] | None:
+        """Return the command image to write now, None for none."""
+        kept = echoes(status, self._command)
+        released = self._recloses and not status.go_to  # also for a while after rGTO was set again
+        self._ended = self._ended or bool(status.fault) or not (status.ready and (kept or released))
+        if self._ended:
+            return None
+        opening_m = self._opening_at(status)
+        if released:
+            self._limit_m = max(self._limit_m, opening_m)
+            return self._send(self._command) if self._sent is self._released else None
+        if self._sent is self._command:
+            self._recloses = False
+        if opening_m <= self._most_m:
+            self._limit_m = self._most_m
+        elif opening_m > self._limit_m:
+            self._note(opening_m)
+            self._limit_m, self._recloses = opening_m, True
+            return self._send(self._released)
+        return None
+
+    def _send(self, command: Command) -> tuple[int, ...]:
+        self._sent = command
+        return pack_command(command)
+
+
 class Robotiq3F(Gripper):
     """Drives a gripper over a `tcp_link` or `rtu_link`; usable from several threads.
 
     fingers: the grasping fingers, two or three of A, B, C. spec: openings of this unit; one step is one
     count. open_counts: position of the open fingers. speed_m_s, force_n: defaults for motions without a speed
-    or force (0.022 to 0.110 m/s, 15 to 60 N). Raises `InputError` and `OutOfLimitsError` for values that
-    cannot be commanded.
+    or force (0.022 to 0.110 m/s, 15 to 60 N); None: the middle of the range. Raises `InputError` and
+    `OutOfLimitsError` for values that cannot be commanded.
     """
 
     def __init__(
@@ -76,12 +125,13 @@ class Robotiq3F(Gripper):
         fingers: Sequence[str] = ("B", "C"),
         spec: GripperSpec = NOMINAL_SPEC,
         clock: Clock | None = None,
-        speed_m_s: float = 0.06,
+        speed_m_s: float | None = None,
         force_n: float = 15.0,
         open_counts: int = OPEN_COUNTS,
     ) -> None:
         self._link = link
-        self._commands = GripperCommands(tuple(fingers), spec, open_counts, speed_m_s, force_n)
+        usual_m_s = sum(spec.speed_m_s) / 2 if speed_m_s is None else speed_m_s
+        self._commands = GripperCommands(tuple(fingers), spec, open_counts, usual_m_s, force_n)
         self._clock = clock or SystemClock()
         require_full_speed(self._clock, link.name, link.host)
         self._line: GripperLine | None = None
@@ -94,6 +144,9 @@ class Robotiq3F(Gripper):
     def _forget(self) -> None:
         self._sent: tuple[Command, int | None] | None = None
         """The last motion command, and the time (ns) of its acknowledgement; None before that."""
+        self._grip: Command | None = None
+        """The last motion command, if no other command was sent since."""
+        self._reclosed_from_m: float | None = None
         self._parked: dict[str, int] | None = None
         self._was_ready = False
 
@@ -160,17 +213,18 @@ class Robotiq3F(Gripper):
         sample = self._connected().sample()
         status = self._sound(sample.status)
         grasping = self._commands.grasping(status)
-        counts = round(sum(axis.position for axis in grasping) / len(grasping))
+        counts = self._commands.position(status)
         return GripperState(
             time_ns=sample.time_ns,
             activated=status.ready or status.stage is Stage.CHANGING_MODE,
             moving=self._awaits_echo(sample) or under_way(status),
-            opening_m=self.spec.opening_at(counts - self._commands.open_counts),
+            opening_m=self._commands.opening(status),
             fault_code=status.fault,
             gripping=any(axis.status is ObjectStatus.CONTACT_CLOSING for axis in grasping),
             obstructed=any(axis.status is ObjectStatus.CONTACT_OPENING for axis in grasping),
             raw={"position_counts": counts, "current_counts": max(axis.current for axis in grasping)},
             mode=status.mode.name.lower(),
+            reclosed_from_m=self._reclosed_from_m,
         )
 
     def move_to(
@@ -202,6 +256,20 @@ class Robotiq3F(Gripper):
         elif status.activated:
             self._write(Command(activate=True, mode=status.mode))
         self._connected().watch("the stop", lambda s: not s.go_to and not under_way(s), ECHO_TIMEOUT_S)
+
+    def keep_grip(self, most_m: float) -> None:
+        """Keep the grip until the next command, see `Gripper` and `KeptGrip`.
+
+        Raises `GripperFaultError` for a fault and for a lost activation.
+        """
+        line = self._connected()
+        require_ready(self._sound(line.sample().status), self._link.name)
+        if (command := self._grip) is not None:
+            line.react = KeptGrip(command, self._commands.opening, most_m, self._note_reclosing).react
+
+    def _note_reclosing(self, opening_m: float) -> None:
+        before_m = self._reclosed_from_m
+        self._reclosed_from_m = opening_m if before_m is None else max(before_m, opening_m)
 
     def identity(self) -> dict[str, str]:
         """Return the model and the address; the gripper reports neither a serial number nor a version."""
@@ -237,6 +305,7 @@ class Robotiq3F(Gripper):
 
     def _write(self, command: Command) -> None:
         self._sent = (command, None) if command.go_to else None
+        self._grip = command if command.go_to else None
         try:
             self._connected().send(pack_command(command))
         except DeviceError:

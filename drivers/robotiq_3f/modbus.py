@@ -1,4 +1,4 @@
-"""The thread that owns a gripper's Modbus connection: polls the status and sends commands.
+"""The thread that owns a gripper's Modbus connection: polls the status, reacts to it, and sends commands.
 
 Only this module uses pymodbus, whose client must not be shared between threads. Whatever it raises or returns
 for a silent or cut line, an exception reply or invalid data becomes one `DeviceError` within two attempts.
@@ -211,6 +211,8 @@ def _preset(name: str) -> Preset:
 
 POLL_S = 0.01
 """Pause between two reads of the status, and between two checks of it by a waiting caller."""
+REACT_S = 0.005
+"""The same pause while a status may need a reaction: the gripper refreshes its registers as often."""
 RETRY_S = 0.1
 """Pause between attempts on a dead connection."""
 ANSWER_S = 0.9
@@ -238,6 +240,10 @@ class GripperLine:
         self._news = threading.Condition()
         self._newest: StatusSample | None = None
         self._error: DeviceError | None = None
+        self.react: Callable[[Status], Registers | None] | None = None
+        """Called with each status in the thread of the connection; the command image that it returns is
+        written at once. It is removed when a command is sent, and nothing that it returned is written after
+        that command."""
         self._closing = threading.Event()
         self._thread = threading.Thread(target=self._own, name=link.name, daemon=True)
 
@@ -258,6 +264,7 @@ class GripperLine:
     def send(self, registers: Registers) -> None:
         """Write a command image. Raises `DeviceError`; a command not sent in time is never sent later."""
         self._require_open()
+        self.react = None
         done: Future[None] = Future()
         self._jobs.put((registers, done))
         try:
@@ -307,6 +314,10 @@ class GripperLine:
             asked_ns, sample, failure = self._clock.now_ns(), self._newest, None
             try:
                 sample = StatusSample(asked_ns, unpack_status(self.requests.read_status()))
+                react = self.react
+                registers = None if react is None else react(sample.status)
+                if registers is not None and self.react is react:
+                    self.requests.write_command(registers)
             except DeviceError as error:
                 failure = error
             with self._news:
@@ -316,8 +327,8 @@ class GripperLine:
 
     def _carry_out_next(self) -> None:
         try:
-            pause_s = host_s(self._clock, RETRY_S if self._error else POLL_S)
-            registers, done = self._jobs.get(timeout=pause_s)
+            pause_s = RETRY_S if self._error else POLL_S if self.react is None else REACT_S
+            registers, done = self._jobs.get(timeout=host_s(self._clock, pause_s))
         except queue.Empty:
             return
         if self._closing.is_set() or not done.set_running_or_notify_cancel():

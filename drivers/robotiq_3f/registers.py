@@ -230,6 +230,15 @@ class GripperCommands:
         names = ("S",) if status.mode is GraspMode.SCISSOR else self.fingers
         return [status.axis(name) for name in names]
 
+    def position(self, status: Status) -> int:
+        """Return the mean position of the grasping fingers, counts."""
+        axes = self.grasping(status)
+        return round(sum(axis.position for axis in axes) / len(axes))
+
+    def opening(self, status: Status) -> float:
+        """Return the opening at the mean position of the grasping fingers, m."""
+        return self.spec.opening_at(self.position(status) - self.open_counts)
+
     def standing(self, status: Status) -> dict[str, int]:
         """Return the positions of the fingers that do not grasp."""
         return {name: status.axis(name).position for name in FINGERS if name not in self.fingers}

@@ -17,8 +17,9 @@ from drivers.interfaces import Arm
 from drivers.motion import PolledMotion, check_joints, check_motion, check_way
 from drivers.types import ArmLimits, ArmMode, ArmState, Pose, Vector3, Vector6
 from drivers.ur5e.controller import RELEASED, Dashboard, Version, probe_controller, read_speed_fraction
+from drivers.ur5e.heartbeat import BRAKE_M_S2
 from drivers.ur5e.link import ArmLink
-from drivers.ur5e.processes import STOP_DECELERATION_M_S2, ControlCommands
+from drivers.ur5e.processes import ControlCommands
 from drivers.ur5e.shared_state import StateSample
 from drivers.ur5e.status import (
     JOINT_RANGE_RAD,
@@ -223,7 +224,7 @@ class UR5e(Arm):
         if link is None:
             return
         try:
-            link.control.ask(ControlCommands.stop_linear, STOP_DECELERATION_M_S2)
+            link.control.ask(ControlCommands.stop_linear, BRAKE_M_S2)
             self._wait(lambda: self._stands(link), STOP_LIMIT_S, "stop")
         except DeviceError:
             link.end_control()

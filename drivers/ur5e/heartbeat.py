@@ -20,12 +20,12 @@ from typing import Any
 from drivers.clock import NS_PER_S, Clock, to_ns
 from drivers.ur5e.shared_state import SharedState
 
-CPUCLOCK_SCHED = 2
+_CPUCLOCK_SCHED = 2
 """Clock id of the CPU time of all threads of a process, ns; `man 3 clock_getcpuclockid` is not in Python."""
 MOST_WAY_M = 0.020
 """Longest distance that the arm may travel after the last heartbeat of a program that hangs."""
 BRAKE_M_S2 = 10.0
-"""Deceleration of the stop."""
+"""Deceleration of every stop: a commanded one, and after a program hangs or its connection is lost."""
 REACTION_S = 0.010
 """Time from the decision to stop to the first slower cycle, and from a heartbeat to its check; rounded up."""
 LEAST_S, LONGEST_S = 0.03, 0.35
@@ -45,7 +45,7 @@ class Program:
     def __init__(self, pid: int, slowness: int = 1) -> None:
         self._slowness = slowness
         self._stat, self._threads = Path(f"/proc/{pid}/stat"), Path(f"/proc/{pid}/task")
-        self._clock = (~pid << 3) | CPUCLOCK_SCHED
+        self._clock = (~pid << 3) | _CPUCLOCK_SCHED
         self._ran_ns: int | None = None
 
     def is_stopped(self) -> bool:

@@ -32,7 +32,7 @@ from typing import Any
 
 from drivers.clock import NS_PER_S, Clock, SystemClock, host_s, require_full_speed, to_ns
 from drivers.realtime import ask_for_realtime, ordinary
-from drivers.ur5e.heartbeat import Heartbeat, Program
+from drivers.ur5e.heartbeat import BRAKE_M_S2, Heartbeat, Program
 from drivers.ur5e.shared_state import SharedState, StateSample
 
 KICK_S = 0.02
@@ -142,8 +142,6 @@ TICK_S = 0.005
 """Longest wait for a call between two checks of the heartbeat."""
 STOP_S = 1.0
 """Time for the arm to stop before the command process exits because its parent ended."""
-STOP_DECELERATION_M_S2 = 10.0
-"""Deceleration of a commanded stop, and of the stop after the client has closed the connection."""
 STATE_LOST, PARENT_LOST, CONNECTION_LOST = 3, 4, 3
 """Exit codes: of the command process, and of the state process."""
 AT_ONCE = ("stop_linear", "end_program", "operation", "halted")
@@ -160,7 +158,7 @@ def serve(connection: socket.socket, commands: ControlCommands, clock: Clock) ->
             continue
         line = lines.readline()
         if not line:
-            answer(commands, {"call": "stop_linear", "arguments": [STOP_DECELERATION_M_S2]})
+            answer(commands, {"call": "stop_linear", "arguments": [BRAKE_M_S2]})
             return
         asked_ns, request = clock.now_ns(), json.loads(line)
         # while ur-rtde waits for the controller it busy-waits, and would take the core from everything else

@@ -28,7 +28,7 @@ from urllib.parse import SplitResult, unquote, urljoin, urlsplit
 from drivers.clock import NS_PER_S, Clock, host_s, to_ns
 from drivers.errors import DamagedFrameError, DeviceError, FormatError, InputError, without_passwords
 from drivers.formats import parse_json
-from drivers.video.stream import FrameStream, RawFrame, read_header
+from drivers.video.stream import WARM_UP_IMAGES, FrameStream, RawFrame, read_header
 
 MAX_HEADER = 16_384
 """Size limit of the header of one part, bytes."""
@@ -161,8 +161,6 @@ def _headers(block: bytes) -> dict[str, str]:
 
 READ_TIMEOUT_S = 1.5
 """If no image arrives for this long, the server is stuck and the stream is reopened."""
-WARM_UP_IMAGES = 10
-"""Images to discard after opening, as with a DIGIT (its first ones may be green or dark)."""
 _PORTION = 65_536
 """Most bytes read at once."""
 

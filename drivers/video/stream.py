@@ -23,6 +23,8 @@ from drivers.types import Image
 
 MAX_DELAY_NS = NS_PER_S
 """If the first time stamp is older than its arrival by more than this, or newer, it is from another clock."""
+WARM_UP_IMAGES = 10
+"""Images to discard after opening a camera: the first ones of a DIGIT may be green or dark."""
 _INTERVALS = 31
 """Number of newest frame intervals of which the median is taken."""
 _ENOUGH = 8

@@ -18,9 +18,8 @@ import numpy as np
 from drivers.clock import Clock
 from drivers.errors import DeviceError
 from drivers.images import encode_jpeg
-from drivers.video.stream import FrameStream, RawFrame
+from drivers.video.stream import WARM_UP_IMAGES, FrameStream, RawFrame
 
-WARM_UP_IMAGES = 10
 OpenCapture = Callable[[str], Any]
 """Opens a device; the result has the methods of `cv2.VideoCapture`."""
 

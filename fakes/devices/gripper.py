@@ -9,8 +9,6 @@ from fakes.faults import MOTIONLESS, FaultScript, overshot
 from fakes.world.state import BenchLayout
 from fakes.world.world import FINGER_STIFFNESS_N_M, STALL_FORCE_N, World
 
-SPEED_COUNTS_S = 100.0
-"""About 60 mm/s of opening, in the middle of the manual's range of 22 to 110 mm/s."""
 SPEED_M_S, FORCE_N = (0.022, 0.110), (STALL_FORCE_N, 60.0)
 """Lowest and highest speed and force (manual, SPEED and FORCE registers)."""
 ACTIVATION_S = 3.0
@@ -47,8 +45,12 @@ class FakeGripper(Gripper):
         """Grasp mode; another program or the device's own page may have changed it."""
         self._connected = self._activated = False
         self._requested = world.layout.open_counts
-        self._stalls = self._drifts = False
+        self._stalls = self._drifts = self._drifted = False
         self._force_n = STALL_FORCE_N
+        self._motion: tuple[float, float | None, float | None] | None = None
+        """Arguments of the last `move_to`, if no other command was given since."""
+        self._most_m: float | None = None
+        self._reclosed_from_m: float | None = None
 
     @property
     def spec(self) -> GripperSpec:
@@ -56,7 +58,7 @@ class FakeGripper(Gripper):
 
     def connect(self) -> None:
         self.disconnect()
-        self._connected = True
+        self._connected, self._reclosed_from_m = True, None
 
     def disconnect(self) -> None:
         if self._connected:
@@ -66,12 +68,13 @@ class FakeGripper(Gripper):
     def activate(self) -> None:
         self._require_usable()
         self._clock.sleep_until(self._clock.now_ns() + to_ns(ACTIVATION_S))
-        self._activated, self.mode = True, BASIC_MODE
+        self._activated, self.mode, self._reclosed_from_m = True, BASIC_MODE, None
         self.move_to(self._spec.open_m).wait(timeout_s=5.0)
 
     def state(self) -> GripperState:
         self._require_usable()
-        if not self._drifts and self._has("drift"):
+        drifted, self._drifted = self._drifted, self._has("drift")
+        if self._drifted and not drifted:
             self._drifts = True
             lowest = float(self._world.layout.open_counts)
             self._world.fingers = self._world.fingers.drifting(lowest, self._clock.now_ns())
@@ -79,22 +82,32 @@ class FakeGripper(Gripper):
         squeeze = self._world.squeeze_at(now)
         counts = round(self._world.fingers.position_at(now))
         shown = self._requested if self._has("false_success") else counts
+        opening_m = self._spec.opening_at(shown - self._world.layout.open_counts)
+        if self._motion is not None and self._most_m is not None and opening_m > self._most_m:
+            before_m, most_m = self._reclosed_from_m, self._most_m
+            self._reclosed_from_m = opening_m if before_m is None else max(before_m, opening_m)
+            self.move_to(*self._motion)
+            self._most_m = most_m
         blocked, stalled = self._has("blocked"), squeeze * FINGER_STIFFNESS_N_M >= self._force_n
         return GripperState(
             time_ns=now,
             activated=self._activated,
             moving=not self._drifts and not self._world.fingers.profile.done_at(now),
-            opening_m=self._spec.opening_at(shown - self._world.layout.open_counts),
+            opening_m=opening_m,
             gripping=stalled or self._stalls or (blocked and self._requested > counts),
             obstructed=blocked and self._requested < counts,
             raw={"position_counts": shown, "current_counts": round(4 + 6 * squeeze * FINGER_STIFFNESS_N_M)},
             mode=self.mode,
+            reclosed_from_m=self._reclosed_from_m,
         )
 
     def move_to(
         self, opening_m: float, speed_m_s: float | None = None, force_n: float | None = None
     ) -> PolledMotion:
-        """Start moving the fingers; they stall if an object resists with `force_n`, 15 N by default."""
+        """Start moving the fingers; they stall if an object resists with `force_n`, 15 N by default.
+
+        speed_m_s: by default the middle of the range.
+        """
         self._require_usable()
         if not self._activated:
             raise GripperFaultError(
@@ -102,19 +115,25 @@ class FakeGripper(Gripper):
                 ACTIVATION_NEEDED,
             )
         self._spec.require_command(opening_m, speed_m_s, force_n)
+        self._motion, self._most_m = (opening_m, speed_m_s, force_n), None
         layout = self._world.layout
         position_counts = layout.open_counts + self._spec.step_at(opening_m)
         self._force_n = STALL_FORCE_N if force_n is None else force_n
-        speed = SPEED_COUNTS_S if speed_m_s is None else speed_m_s / layout.opening_per_count_m
+        speed_m_s = sum(self._spec.speed_m_s) / 2 if speed_m_s is None else speed_m_s
         now = self._clock.now_ns() + self._period_ns
         end = self._end(position_counts, now)
         self._requested, self._drifts = position_counts, False
         self._stalls = self._stall_counts(now) <= end < position_counts
-        self._world.fingers = self._world.fingers.sent_to(end, speed, now)
+        self._world.fingers = self._world.fingers.sent_to(end, speed_m_s / layout.opening_per_count_m, now)
         return PolledMotion("gripper", self._clock, self._arrived, self.stop)
 
+    def keep_grip(self, most_m: float) -> None:
+        """Keep the grip as `Gripper.keep_grip` describes. The fingers are checked when the state is read."""
+        self._require_usable()
+        self._most_m = most_m
+
     def stop(self) -> None:
-        self._stalls = False
+        self._stalls, self._motion, self._most_m = False, None, None
         self._world.fingers = self._world.fingers.cut_at(self._clock.now_ns() + self._period_ns)
 
     def _end(self, position_counts: int, now_ns: int) -> float:

@@ -26,10 +26,7 @@ LEAST_HZ = 0.1
 """Lowest frame rate of a clip in Hz, as for --fps."""
 CLIP_FRAMES, CLIP_TIMES = "frames", "timestamps.csv"
 """Folder of the images of a clip, and table of their times, as in `rig.frames.clips`."""
-_SOURCES = (
-    "a DIGIT's serial, /dev/videoN or its number, an MJPEG address (http://HOST:PORT/PATH), a video, "
-    f"a folder of images, or {FAKE}"
-)
+_SENSORS = f"a DIGIT's serial, /dev/videoN or its number, an MJPEG address (http://HOST:PORT/PATH), or {FAKE}"
 PLAIN_RATE_HZ = 30.0
 """Asked of a camera that no driver of ours knows: most USB cameras have it."""
 
@@ -59,6 +56,12 @@ def live_sources(
     return made
 
 
+def is_stored(text: str) -> bool:
+    """Whether a text names an existing file or folder, not a sensor."""
+    sensor = text == FAKE or text.isdecimal() or text.startswith("/dev/") or "://" in text
+    return not sensor and Path(text).exists()
+
+
 def serial_of(text: str) -> str | None:
     """Return the serial of the sensor that a text names; None for a source without one, such as a file."""
     if text == FAKE or "://" in text:
@@ -69,7 +72,7 @@ def serial_of(text: str) -> str | None:
         serials = [each.serial for each in nodes if each.device == node and each.serial]
         known = [each.serial for each in nodes]
         return serials[0] if serials and known.count(serials[0]) == 1 else None
-    return None if Path(text).exists() else text
+    return None if is_stored(text) else text
 
 
 def _source(text: str, sensor: str | None, rate_hz: float | None, clock: Clock) -> FrameSource:
@@ -80,21 +83,21 @@ def _source(text: str, sensor: str | None, rate_hz: float | None, clock: Clock) 
         _check_device(path)
     kind = sensor or "plain"
     if is_address:
-        return _made(kind, without_passwords(text), text, rate_hz or FILE_RATE_HZ, clock)
-    if not is_device and (path.is_file() or path.is_dir()):
+        return _make(kind, without_passwords(text), text, rate_hz or FILE_RATE_HZ, clock)
+    if is_stored(text):
         frames = path / CLIP_FRAMES if (path / CLIP_FRAMES).is_dir() else path
-        source = _made(kind, path.name, str(frames), rate_hz or _own_rate(frames), clock)
+        source = _make(kind, path.name, str(frames), rate_hz or _own_rate(frames), clock)
         source.wait_for_reader()
         return source
     if not is_device and ("/" in text or path.suffix):
-        raise InputError(no_such(path, cure=f"give {_SOURCES}"))
+        raise InputError(no_such(path, cure=f"give {_SENSORS}"))
     if not is_device:
         _check_device(Path(_node_of(text).device))
     # without an address it is found again by its serial when it is plugged in again
-    return _made(sensor or "digit", text, text if is_device else None, rate_hz, clock)
+    return _make(sensor or "digit", text, text if is_device else None, rate_hz, clock)
 
 
-def _made(kind: str, name: str, address: str | None, rate_hz: float | None, clock: Clock) -> AddressedSource:
+def _make(kind: str, name: str, address: str | None, rate_hz: float | None, clock: Clock) -> AddressedSource:
     if kind == "digit":
         return Digit(name, rate_hz or 60.0, address=address, clock=clock)
     if kind == "gelsight-mini":
@@ -111,7 +114,7 @@ def _node_of(serial: str) -> VideoNode:
     listed = ", ".join(f"{node.serial or 'no serial'} at {node.device}" for node in nodes) or "none"
     raise InputError(
         f"{serial}: {len(found) or 'no'} video devices have this serial; found: {listed}. Check the cable "
-        f"and the serial, or give /dev/videoN, an MJPEG address, a file, or {FAKE}"
+        f"and the serial, or give /dev/videoN, an MJPEG address, or {FAKE}"
     )
 
 

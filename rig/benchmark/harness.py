@@ -121,7 +121,6 @@ class Report:
     figures: Mapping[str, Any] = field(default_factory=dict)  # further JSON values, beside the tables' rows
     files: Mapping[str, str | bytes] = field(default_factory=dict)  # for --out, by name
     faults: Mapping[str, EstimatorFaults] = field(default_factory=dict)  # of a lab's own estimators
-    binding: bool = True  # whether a missed limit ends the command with exit code 4
 
 
 @dataclass(frozen=True, slots=True)
@@ -184,12 +183,12 @@ class Run:
 
         name: returns the name of a case, unique among all cases that may be stored in one folder. stored:
         dataclass of the results. If given, each result is appended to `RESULTS` in the folder when its case
-        ends, and a stored case is not run again. common: see the method `stored`. finish: called in this
+        ends, and a stored case is not run again. common: see `read_stored`. finish: called in this
         process with a case and its new result before the result is stored; returns the note for the progress,
-        by default the case's name. Raises `InputError` like `stored`, and the errors of `work`.
+        by default the case's name. Raises `InputError` like `read_stored`, and the errors of `work`.
         """
         names = [name(case) for case in cases]
-        before = {} if stored is None else self.stored(stored, common)
+        before = {} if stored is None else self.read_stored(stored, common)
         found = {each: result for each, result in before.items() if each in names}
         left = [case for case in cases if name(case) not in found]
         for case, result in runner(self.engine, workers or self.workers)(work, left):
@@ -200,7 +199,7 @@ class Run:
             self.progress(len(found), len(names), note)
         return [found[each] for each in names]
 
-    def stored(self, kind: type[Result], common: str = "") -> dict[str, Result]:
+    def read_stored(self, kind: type[Result], common: str = "") -> dict[str, Result]:
         """Return the results in the folder, by the names of their cases. kind: the dataclass of a result.
 
         common: the beginning that the names of all cases in one folder share, such as bench and seed. Raises

@@ -22,7 +22,7 @@ from protocols.reaction import ReactionKind
 from rig.bench.source import FreshBenches
 from rig.benchmark.harness import ALL, Cell, Report, Run, Study, Table, table_of
 from rig.benchmark.measured import Measured, at_least, at_most, informative
-from rig.benchmark.wire.campaign import WireBench, served
+from rig.benchmark.wire.campaign import WireBench, serve
 from rig.config import load_bench
 from rig.declared import option
 from rig.experiments.lift_attempt import attempt_lift
@@ -175,7 +175,7 @@ def times_over_wire(settings: TrialSettings, lifts: int, run: Run) -> list[Measu
     def show(done: int, total: int, row: Lift) -> None:
         run.progress(done, total, f"over the wire protocols, {row.object}/{row.lift}")
 
-    with tempfile.TemporaryDirectory() as folder, served(WireBench) as benches:
+    with tempfile.TemporaryDirectory() as folder, serve(WireBench) as benches:
         session = Path(folder) / "session"
         slip = replace(settings.slip, max_turn_deg=None)
         trial = replace(settings, bench=benches.config, slip=slip)

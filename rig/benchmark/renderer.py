@@ -1,4 +1,4 @@
-"""`rig benchmark renderer`: estimators on lifts of a second renderer, scored as in a trial.
+"""Lifts drawn by a second renderer, with ground truth. It shares no code with the simulated bench.
 
 An object rests, turns in stick and slip, and rests again, at two fingertips. Its faces are height maps in mm
 over x (right) and y (up), drawn from seeds. A fingertip is a gel with a camera behind it. The film on the gel
@@ -8,9 +8,8 @@ noise.
 """
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import partial
 
 import cv2
 import numpy as np
@@ -18,19 +17,12 @@ from numpy.typing import NDArray
 
 from drivers.clock import NS_PER_S
 from drivers.types import Image
-from rig.benchmark.estimators.contenders import KnownLift, score_all
-from rig.benchmark.harness import ALL, Cell, Report, Run, Study, Table, table_of
-from rig.benchmark.measured import Measured, at_least, at_most, between
-from rig.declared import option
-from rig.frames.estimates import FRAME_MS, contact_ms, frame_ms
+from rig.benchmark.estimators.contenders import KnownLift
 from rig.frames.of_session import SessionSeries
 from rig.frames.series import FrameSeries, TimedFrame
 from rig.frames.times import FrameTime
-from rig.results.scores import SeriesScore
 from rig.tactile.angles import Angles
 from rig.tactile.contact.background import mean_background
-from rig.tactile.estimators import EstimatorChoice, choose_estimator
-from rig.tactile.sample import EstimatorFaults, faults_of, together
 
 Plane = NDArray[np.float32]
 Random = np.random.Generator
@@ -164,7 +156,7 @@ class GelCamera:
         self._blocks, self._taken = np.zeros((*SIZE_PX[::-1], 3), np.float32), 0
         self.refresh, self._block_levels = int(rng.integers(15, 60)), float(rng.uniform(0.0, 1.0))
         self._level = 1.0
-        flat = self._lit(np.zeros_like(self._dome))
+        flat = self._light(np.zeros_like(self._dome))
         self._level = float(1.0 / np.percentile(flat, 90))
 
     def picture(
@@ -182,19 +174,19 @@ class GelCamera:
         """
         depth = np.zeros_like(self._dome)
         if face is not None:
-            depth = self._stretched(self._pressed(face, angle_rad, middle_mm, depth_mm))
-        light = self._lit(depth) * self._level
+            depth = self._stretch(self._press(face, angle_rad, middle_mm, depth_mm))
+        light = self._light(depth) * self._level
         wide = cv2.resize(light.astype(np.float32), SIZE_PX, interpolation=cv2.INTER_CUBIC)
         seen = cv2.resize(depth, SIZE_PX, interpolation=cv2.INTER_LINEAR)
         wide = wide * (1.0 - self._specks * (0.6 + 0.8 * np.minimum(seen, 0.5)))[..., None]
         grey = self._gain * np.maximum(wide, 0.0) ** TONE
         sigma = np.sqrt(self._read_noise**2 + self._shot * grey)
-        grey = grey + sigma * rng.standard_normal(grey.shape, np.float32) + self.coded(rng)
+        grey = grey + sigma * rng.standard_normal(grey.shape, np.float32) + self.draw_codec_errors(rng)
         frame = np.clip(grey, 0, 255).astype(np.uint8)
         _, data = cv2.imencode(".jpg", frame[..., ::-1], (cv2.IMWRITE_JPEG_QUALITY, self._quality))
         return np.asarray(cv2.imdecode(data, cv2.IMREAD_COLOR), np.uint8)[..., ::-1].copy()
 
-    def coded(self, rng: Random) -> NDArray[np.float32]:
+    def draw_codec_errors(self, rng: Random) -> NDArray[np.float32]:
         """Return the errors of a video codec's blocks until the next refresh, (H, W, 3) grey levels."""
         if self._taken % self.refresh == 0:
             coarse = (SIZE_PX[1] // BLOCK_PX, SIZE_PX[0] // BLOCK_PX, 3)
@@ -203,9 +195,7 @@ class GelCamera:
         self._taken += 1
         return self._blocks
 
-    def _pressed(
-        self, face: Face, angle_rad: float, middle_mm: tuple[float, float], depth_mm: float
-    ) -> Plane:
+    def _press(self, face: Face, angle_rad: float, middle_mm: tuple[float, float], depth_mm: float) -> Plane:
         """Return the depth of the face below the undented gel, mm, 0 outside the contact."""
         x, y = self._x - np.float32(middle_mm[0]), self._y - np.float32(middle_mm[1])
         cos, sin = np.float32(math.cos(angle_rad)), np.float32(math.sin(angle_rad))
@@ -224,7 +214,7 @@ class GelCamera:
         return np.maximum(np.float32(depth_mm) - away, np.float32(0.0))
 
     @staticmethod
-    def _stretched(pressed: Plane) -> Plane:
+    def _stretch(pressed: Plane) -> Plane:
         """Return the film's depth: at least that of the face, and smooth beside it."""
         film = pressed
         for _ in range(STRETCHES):
@@ -232,7 +222,7 @@ class GelCamera:
             film = np.maximum(pressed, np.float32(SINKS) * smooth)
         return np.asarray(cv2.GaussianBlur(film, (0, 0), 0.7), np.float32)
 
-    def _lit(self, depth: Plane) -> NDArray[np.float64]:
+    def _light(self, depth: Plane) -> NDArray[np.float64]:
         """Return the light that leaves the film towards the camera, (h, w, 3)."""
         step = COARSE * PITCH_MM
         right = -cv2.Sobel(depth, cv2.CV_32F, 1, 0, scale=1 / (8 * step))
@@ -334,7 +324,7 @@ def frames(seed: int, tip: int) -> Iterator[TimedFrame]:
         yield TimedFrame(f"frame at {time_ns}", FrameTime(str(time_ns / NS_PER_S), time_ns), image)
 
 
-def drawn_lift(seed: int) -> KnownLift:
+def draw_lift(seed: int) -> KnownLift:
     course, name = draw_course(seed), f"{kind_of(seed)}/{seed}"
 
     def tip(number: int) -> SessionSeries:
@@ -359,102 +349,3 @@ def _stick_slip(since_s: NDArray[np.float64], rng: Random) -> NDArray[np.float64
     reached = np.concatenate([[0.0], np.cumsum(rates * np.diff(moving))])
     total = rng.uniform(LEAST_TURN_DEG, MOST_TURN_DEG) * rng.choice([-1.0, 1.0])
     return np.asarray(np.interp(since_s, moving, reached * total / reached[-1]), np.float64)
-
-
-MOST_MARE_DEG, MOST_WORST_DEG, LEAST_ANSWERED = 0.5, 3.0, 0.95
-LEAST_WITHIN, MOST_WITHIN = 0.90, 0.98
-LIFTS_PER_SEED = 1000  # seed n draws the lifts from 1000 n on
-
-
-@dataclass(frozen=True, slots=True)
-class RendererOptions:
-    estimator: list[str] | None = option(
-        None,
-        "Repeat for more, also your own as package.module:Class; limits are for the first. Default: slip.",
-    )
-    lifts: int = option(45, "Number of lifts.", min=1, max=1000)
-
-
-@dataclass(frozen=True, slots=True)
-class DrawnLift:
-    """One lift of one estimator. faults: failures of a lab's own estimator."""
-
-    kind: str
-    score: SeriesScore
-    ms: tuple[float, ...]
-    faults: EstimatorFaults | None = None
-
-
-def measure(options: RendererOptions, run: Run) -> Report:
-    """Score estimators on SIMULATED lifts of a second renderer, independent of the bench's.
-
-    It shares no code with the renderer of the simulated bench, and has another gel, LEDs, object faces and
-    rotations. An estimator that is overfitted to the simulated bench has larger errors here. The exit code is
-    4 if the first estimator misses a limit.
-
-    Examples:
-      rig benchmark renderer
-      rig benchmark renderer --estimator slip --estimator ecc --lifts 16 --json
-    """
-    choices = [choose_estimator(name) for name in options.estimator or ["slip"]]
-    first = LIFTS_PER_SEED * run.seed
-    numbers = range(first, first + options.lifts)
-    drawn = run.each(partial(answer_lift, choices), numbers, lambda number: f"{kind_of(number)}/{number}")
-    by_name = {choice.name: [lift[choice.name] for lift in drawn] for choice in choices}
-    failed = {name: [lift.faults for lift in lifts if lift.faults] for name, lifts in by_name.items()}
-    return Report(
-        tables=(face_table(by_name),),
-        limits=judge_lifts(by_name[choices[0].name]),
-        limits_of=f"'{choices[0].name}'",
-        faults={name: together(faults) for name, faults in failed.items() if faults},
-    )
-
-
-def answer_lift(choices: Sequence[EstimatorChoice], number: int) -> dict[str, DrawnLift]:
-    cv2.setNumThreads(1)
-    lift, found = drawn_lift(number), {}
-    passes = lift.passes(
-        lambda tip: {of.name: of.make(tip.background, tip.aspect, tip.sign) for of in choices}
-    )
-    for name, of_tips in passes.items():
-        samples = [sample for tip in of_tips.values() for sample in tip]
-        ms = tuple(contact_ms(samples))
-        found[name] = DrawnLift(kind_of(number), lift.score(of_tips), ms, faults_of(samples))
-    return found
-
-
-def face_table(by_estimator: Mapping[str, Sequence[DrawnLift]]) -> Table:
-    rows = []
-    for name, lifts in by_estimator.items():
-        for face in (ALL, *KIND_NAMES):
-            if of := [lift for lift in lifts if face in (ALL, lift.kind)]:
-                score, wrong = score_all([lift.score for lift in of]), "lifts with such an answer"
-                worst, sure = "largest mean error of a lift, degrees", score.within_two_sigma
-                ms = frame_ms([ms for lift in of for ms in lift.ms])
-                row = [
-                    Cell("estimator", name if face == ALL else "", "estimator"),
-                    Cell("face", face, "face"),
-                    Cell("lifts", len(of), "lifts"),
-                    Cell("mare_deg", score.mare_deg, "MARE", ".2f", "degrees"),
-                    Cell("worst_deg", score.worst_deg, "worst lift", ".2f", worst),
-                    Cell("answered", score.answered, "answered", ".0%", "share of the frames with an angle"),
-                    Cell("within_two_sigma", sure, "within 2 sigma", ".0%", "share of the answers"),
-                    Cell("confidently_wrong", score.wrong_if_sigma, "confidently wrong", "", wrong),
-                    Cell("ms", ms, FRAME_MS, ".1f"),
-                ]
-                rows.append(row)
-    return table_of("SIMULATED by the second renderer: rotational error in degrees", rows, left=2)
-
-
-def judge_lifts(lifts: Sequence[DrawnLift]) -> tuple[Measured, ...]:
-    overall = score_all([lift.score for lift in lifts])
-    return (
-        at_most("MARE, degrees", overall.mare_deg, MOST_MARE_DEG),
-        at_most("worst lift, degrees", overall.worst_deg, MOST_WORST_DEG),
-        at_least("share of frames answered", overall.answered, LEAST_ANSWERED),
-        between("share of answers within two sigma", overall.within_two_sigma, LEAST_WITHIN, MOST_WITHIN),
-        at_most("lifts with an answer that is confidently wrong", overall.wrong_if_sigma, 0),
-    )
-
-
-STUDY = Study("renderer", RendererOptions, measure, "lifts")

@@ -11,7 +11,7 @@ from drivers.clock import SystemClock
 from drivers.types import ArmState, Frame, Image
 from rig.frames.estimates import TimedImage, estimate_frames
 from rig.frames.streaming import StreamingEstimator
-from rig.live.desk import DeskSensor
+from rig.live.desk_sensor import DeskSensor
 from rig.tactile.estimators import EstimatorChoice
 from rig.tactile.sample import SlipSample, State, TactileEstimator
 
@@ -89,7 +89,7 @@ def interface_ms(
     includes its outline of the contact, but not the picture that it sends to the page.
     """
     desk, clock, numbers = DeskSensor("", choice, 1, background, None), SystemClock(), count()
-    desk.choose(choice, desk.made(choice))  # before the first frame
+    desk.choose(choice, desk.make_stream(choice))  # before the first frame
 
     def live(image: Image, time_ns: int) -> SlipSample | None:
         return desk.take(Frame(image, time_ns, next(numbers), ""), clock).sample

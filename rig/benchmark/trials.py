@@ -104,8 +104,8 @@ and the number of frames of phase B."""
 class TrialsOptions:
     model: list[str] | None = option(
         None,
-        "NAME=FILE: a network of rig train (pspnet, deeplabv3plus, unetplusplus, ours) or rig "
-        "train-angle (anglenet, anglenet-on-test, toskov) beside the shipped ones; repeat for more.",
+        "NAME=FILE: a network of rig train (pspnet, deeplabv3plus, unetplusplus, ours) or "
+        "tools/train_angle.py (anglenet, anglenet-on-test, toskov) beside the shipped ones; repeat for more.",
     )
     lifts: int = option(5, "Lifts of each object.", min=1, max=100)
     objects: list[str] | None = option(None, "Only this object; repeat for more.", "--object")

@@ -1,6 +1,5 @@
 """`rig estimate`, `rig explain`: estimate the rotation of the contact in your own frames; draw its stages."""
 
-import io
 import os
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
@@ -137,8 +136,7 @@ def estimate(options: EstimateOptions) -> None:
 
 def _series(options: EstimateOptions, run: "Estimation") -> None:
     """Estimate frames that are not from a session."""
-    from rig.frames.estimates import rows
-    from rig.frames.gel_height import read_scale
+    from rig.frames.estimates import read_scale, rows
     from rig.frames.series import read_frames
 
     path = options.frames
@@ -272,11 +270,6 @@ class ExplainOptions:
     pixel_aspect: float | None = option(
         None, "Width of a pixel on the gel divided by its height. Default: 1.", min=0.5, max=2.0
     )
-    height: Path | None = option(
-        None,
-        "Draw depth and normals instead, by this file of rig calibrate tactile, and write both beside the "
-        "picture (.npz: depth_mm, normals; every second pixel).",
-    )
     json: JsonOption = False
 
 
@@ -293,13 +286,9 @@ def explain(options: ExplainOptions) -> None:
     Examples:
       rig explain frames/ --background empty.png --out stages.png
       rig explain sessions/2026-11-21T093000_trial --lift 3 --out stages.png
-      rig explain frames/ --background empty.png --height calibrations/tactile-D20641.yaml --out height.png
     """
-    import numpy as np
-
     from drivers.images import encode_png
-    from rig.frames.gel_height import read_gel_map
-    from rig.frames.stages import explained_frames, explained_lift, height_picture, stages_picture
+    from rig.frames.stages import explained_frames, explained_lift, stages_picture
     from rig.sessions.files import write_file
     from rig.sessions.manifest import is_session
 
@@ -310,18 +299,7 @@ def explain(options: ExplainOptions) -> None:
         turn = explained_lift(options.frames, options.lift, options.serial)
     else:
         turn = explained_frames(options.frames, options.background, options.pixel_aspect, options.topic)
-    figures: dict[str, object] = {"angle_deg": turn.angle_deg, "sigma_deg": turn.sigma_deg}
-    if options.height is None:
-        picture = stages_picture(turn)
-    else:
-        gel = read_gel_map(options.height)
-        picture, shape = height_picture(turn, gel)
-        arrays = io.BytesIO()
-        np.savez_compressed(arrays, depth_mm=shape.depth_mm, normals=shape.normals)
-        write_file(options.out.with_suffix(".npz"), arrays.getvalue())
-        across, down = (px * mm for px, mm in zip(turn.shift_px, gel.mm_per_px, strict=True))
-        figures["shift_mm"] = [across, down]
-        say(f"moved by {across:+.2f} mm to the right, {down:+.2f} mm down")
-    write_file(options.out, encode_png(picture))
+    write_file(options.out, encode_png(stages_picture(turn)))
     say(f"turned by {turn.angle_deg:+.2f} deg (image angle) in {turn.apart_s:.2f} s")
-    print_result(options.json, {"picture": str(options.out), **figures}, options.out)
+    figures = {"picture": str(options.out), "angle_deg": turn.angle_deg, "sigma_deg": turn.sigma_deg}
+    print_result(options.json, figures, options.out)

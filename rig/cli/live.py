@@ -6,7 +6,7 @@ import signal
 import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager, nullcontext
+from contextlib import ExitStack, closing, contextmanager, nullcontext
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -15,18 +15,16 @@ from typing import TYPE_CHECKING
 from drivers.clock import SystemClock, to_ns
 from drivers.errors import EstimatorError, InputError
 from drivers.realtime import compute_in_one_thread
-from rig.cli.common import NO_BROWSER, STOPS, Exit, mark, report_faults, say
+from rig.cli.common import NO_BROWSER, STOPS, Exit, mark, say
 from rig.cli.helping import Commands
-from rig.cli.options import TopicOption
 from rig.declared import argument, option
-from rig.terminal.screen import begin_phase, end_phase, shown
+from rig.terminal.screen import shown
 
 if TYPE_CHECKING:
-    from rig.live.desk import Desk, Reading
+    from rig.live.desk import Desk
+    from rig.live.desk_sensor import Reading
     from rig.live.feed import Listener
-    from rig.live.state import History
     from rig.live.watch import WatchPage
-    from rig.tactile.sample import EstimatorFaults
 
 bridge = Commands(
     no_args_is_help=True, help="Publish live angles, alarms and images for other robot software."
@@ -44,28 +42,22 @@ PLAIN_EVERY_S = 1.0
 class DeskOptions:
     sources: list[str] = argument(
         ...,
-        "One or two sources: a DIGIT's serial, /dev/videoN or its number, an MJPEG address (http://...), a "
-        "video, a folder of images, or fake (simulated).",
+        "One or two sensors: a DIGIT's serial, /dev/videoN or its number, an MJPEG address (http://...), or "
+        "fake (simulated).",
     )
     sensor: str | None = option(
         None,
         "Kind of sensor: digit; gelsight-mini (opened at its own resolution, cropped to the gel); or plain "
         "(frames are used unchanged). Default: digit for a serial or a device, else plain.",
     )
-    fps: float | None = option(
-        None,
-        "Frame rate in Hz. Default: that of the sensor, video or clip; 60 for images without times.",
-        min=0.1,
-        max=1000.0,
-    )
+    fps: float | None = option(None, "Frame rate in Hz. Default: that of the sensor.", min=0.1, max=1000.0)
     same_side: bool = option(
         False, "Both sensors touch the object on the same side. Default: on opposite sides, as fingers do."
     )
     estimator: str | None = option(None, "Estimator, as in rig estimate. Default: slip.")
     background: Path | None = option(
         None,
-        "Frame without contact. Default: that of a clip, else the mean of the first 15 frames; nothing may "
-        "touch the gel then.",
+        "Frame without contact. Default: the mean of the first 15 frames; nothing may touch the gel then.",
     )
     pixel_aspect: float | None = option(
         None,
@@ -78,27 +70,24 @@ class DeskOptions:
     )
 
 
-@dataclass(frozen=True)
-class LiveOptions(DeskOptions):
-    terminal: bool = option(False, "Show the angle as text in the terminal, without a page.")
-    json: bool = option(False, "Print one JSON object per frame on stdout, without a page.")
+@dataclass(frozen=True, kw_only=True)
+class PageOptions:
+    """Where a page is served, and whether it is opened."""
+
     browser: bool = option(True, "Open the page in the browser.", "--browser/--no-browser")
     watch_at: str | None = option(
         None,
-        "HOST:PORT of the page. With 0.0.0.0:8080 other computers can open it and press its buttons, at the "
-        "address with a key that the command prints. Default: a free port that only this computer can reach.",
+        "HOST:PORT of the page. With 0.0.0.0:8080 other computers can use it, at the address with a key that "
+        "the command prints. Default: a free port that only this computer can reach.",
     )
+
+
+@dataclass(frozen=True)
+class LiveOptions(PageOptions, DeskOptions):
+    terminal: bool = option(False, "Show the angle as text in the terminal, without a page.")
+    json: bool = option(False, "Print one JSON object per frame on stdout, without a page.")
     clips: Path = option(CLIPS, "Folder for recorded clips.")
     seconds: float | None = option(None, "End after this time in s. Default: run until Ctrl-C.", min=0.0)
-    page: bool = option(
-        False,
-        "Estimate a stored clip at once and show it as a whole (at most its last 10 minutes): a clip, video, "
-        "ROS bag, recording of a lift (.mcap) or session. The angles are those of rig estimate.",
-    )
-    lift: str | None = option(
-        None, "With --page, lift of a session, as in rig play. Default: the first lift."
-    )
-    topic: TopicOption = None
 
 
 def live(options: LiveOptions) -> None:
@@ -111,8 +100,8 @@ def live(options: LiveOptions) -> None:
     frames become the background. The angle is relative to the frame in which the contact has settled.
 
     The page has buttons to take a new reference or background, to switch the estimator, to set a mark (key
-    m), and to record a clip for rig label-angle, rig estimate and rig benchmark clips, or to save the last 30
-    s.
+    m), and to record a clip for rig show, rig label-angle, rig estimate and rig benchmark clips, or to save
+    the last 30 s.
 
     The page keeps the last 10 minutes: each angle (at most 36,000 frames), 5 images per second and a list of
     events. A slider shows any moment. This takes up to 70 MB of memory per sensor; the frames of the last 30
@@ -123,108 +112,75 @@ def live(options: LiveOptions) -> None:
       rig live D20641 --no-browser
       rig live /dev/video2 --sensor gelsight-mini
       rig live http://127.0.0.1:8080/stream.mjpg --json
-      rig live lift.avi --terminal --background empty.png
+      rig live D20641 D20642 --background empty.png
       rig live fake fake --terminal --seconds 10
-      rig live lift.avi --page
-      rig live sessions/2026-11-21T093000_trial --page --lift 3
     """
     from rig.live.watch import WatchPage, watch_address
 
-    page, desk, summaries, faults, shown = None, None, [], [], ""
-    if not options.page and (options.lift is not None or options.topic is not None):
-        raise InputError("--lift and --topic are for stored clips: add --page, or leave them out")
-    if options.page and (options.terminal or options.json or len(options.sources) > 1 or options.sensor):
-        raise InputError("--page shows one stored clip: leave --terminal, --json and --sensor out")
     if options.watch_at is not None and (options.terminal or options.json):
         raise InputError("--watch-at is the address of the page: leave it out, or --terminal and --json")
     at = watch_address(options.watch_at)
-    history, name = None, ""
-    if options.page:
-        history, name, faults = _stored(options)
-    with stopped_by_person() as stopped, ExitStack() as stack:
-        name = name or f"{mark(is_simulated(options.sources))}rig live {' '.join(options.sources)}"
-        if not options.terminal and not options.json:  # its process starts up while this one imports the rest
-            page = WatchPage(
-                at, name, estimators=() if options.page else offered(options.estimator), history=history
+    require_sensors(options.sources)
+    title = f"{mark(is_simulated(options.sources))}rig live {' '.join(options.sources)}"
+    with stop_event() as stopped, ExitStack() as stack:
+        page = None
+        if not options.terminal and not options.json:  # its process starts while this one imports the rest
+            page = stack.enter_context(
+                closing(WatchPage(at, title, estimators=choosable_estimators(options.estimator)))
             )
-            stack.callback(page.close)
-        if not options.page:
-            desk = desk_of(options, stack, options.clips, () if page is None else (page.listener,))
-        say(f"{name}{'' if page is None else f' at {page.address}'}; press Ctrl-C to end")
-        if page is not None and options.browser:
-            _open(page, stack)
-        if desk is None:
-            stopped.wait(options.seconds)
-        else:
-            compute_in_one_thread()
-            stack.enter_context(desk)
-            show: Callable[[Reading], None] = lambda reading: None  # noqa: E731 - a page needs no lines
-            if options.json:
-                show = partial(_print_json, stopped)
-            elif options.terminal:
-                show = stack.enter_context(_terminal())
-            run_desk(desk, show, options.seconds, stopped, page)
-            if desk.fault is not None:
-                raise EstimatorError(f"ended; the estimator failed: {desk.fault}")
-            if not desk.ended:  # the summaries of sources that have ended were shown then
-                summaries = [f"{sensor.name}: {sensor.summary}" for sensor in desk.sensors.values()]
-            shown = desk.notice
-    if desk is not None and desk.notice != shown:  # a clip that was being saved, or why it is not
-        summaries.append(desk.notice)
-    say("\n".join([*summaries, "ended"]))
-    report_faults(faults)
+        desk = desk_of(options, stack, options.clips, () if page is None else (page.listener,))
+        begin_showing(title, page, options.browser, stack)
+        compute_in_one_thread()
+        stack.enter_context(desk)
+        run_desk(desk, stack.enter_context(open_view(options, stopped)), options.seconds, stopped, page)
+        if desk.fault is not None:
+            raise EstimatorError(f"ended; the estimator failed: {desk.fault}")
+        notice = desk.notice
+    # The summaries of sources that have ended were printed then.
+    lines = [] if desk.has_ended else [f"{sensor.name}: {sensor.summary}" for sensor in desk.sensors.values()]
+    if desk.notice != notice:  # a clip that was being saved, or why it is not
+        lines.append(desk.notice)
+    say("\n".join([*lines, "ended"]))
 
 
-def _open(page: "WatchPage", stack: ExitStack) -> None:
-    """Open a page in the browser; the stack then removes the file that names its secret address."""
+def require_sensors(sources: Sequence[str]) -> None:
+    """Raise `InputError` if a source is stored."""
+    from rig.bench.live_source import is_stored
+
+    for text in filter(is_stored, sources):
+        raise InputError(
+            f"{text} is stored, and rig live is for sensors: rig show {text} shows it on the page, "
+            f"rig estimate {text} prints its angles"
+        )
+
+
+def begin_showing(title: str, page: "WatchPage | None", browser: bool, stack: ExitStack) -> None:
+    """Print the title and the address of the page, if there is one, and open it in the browser if wanted.
+
+    The stack then removes the file that names a secret address.
+    """
     import webbrowser
 
     from rig.pages.requests import way_to
 
+    say(f"{title}{'' if page is None else f' at {page.address}'}; press Ctrl-C to end")
+    if page is None or not browser:
+        return
     secret = bool(page.process.access.key)
     if not webbrowser.open(stack.enter_context(way_to(page.address)) if secret else page.address):
         say(NO_BROWSER)
 
 
-def _stored(options: LiveOptions) -> "tuple[History, str, list[EstimatorFaults]]":
-    """Return the history of a stored clip, its name, and the faults of a user-defined estimator."""
-    from rig.cli.estimate import estimate_all, report_estimate
-    from rig.frames.estimates import Estimation
-    from rig.frames.of_session import recording_frames
-    from rig.frames.series import read_frames
-    from rig.live.stored_clip import stored_history
-    from rig.sessions.files import is_recording
-    from rig.sessions.manifest import TrialManifest, is_session, read_manifest_of
-    from rig.sessions.recording_file import recording_values
-    from rig.tactile.estimators import choose_estimator
-
-    path = Path(options.sources[0])
-    background = None if options.background is None else str(options.background)
-    choice = choose_estimator(options.estimator, gel=options.gel)
-    run = Estimation(choice, background, aspect=options.pixel_aspect)
-    if is_session(path):
-        from rig.report.session import find_lift
-
-        manifest = read_manifest_of(path, TrialManifest, "only trials have lifts")
-        path /= find_lift(path, manifest, options.lift).recording
-    elif options.lift is not None:
-        raise InputError(f"{path} is not a session: leave --lift out")
-    if is_recording(path):
-        if options.gel is not None or options.fps is not None or options.topic is not None:
-            raise InputError(f"{path} contains times and sensors: leave --gel, --fps and --topic out")
-        tips = recording_frames(path)
-        shown, lift_ns = list(estimate_all(run, tips)), tips[0].lift_ns
-        simulated = recording_values(path).get("simulated") == "SIMULATED"
+@contextmanager
+def open_view(options: LiveOptions, stopped: threading.Event) -> "Iterator[Callable[[Reading], None]]":
+    """Yield a function that prints a reading as JSON or text; with a page it does nothing."""
+    if options.json:
+        yield partial(print_json, stopped)
+    elif options.terminal:
+        with terminal_view() as show:
+            yield show
     else:
-        begin_phase(f"estimating {path}")
-        series = read_frames(path, fps=options.fps, topic=options.topic)
-        shown, lift_ns, simulated = [run.of_series(series)], None, series.simulated
-    for one in shown:
-        report_estimate(f"{mark(simulated)}{one.name}", one, run)
-    begin_phase("drawing the frames")
-    history = stored_history(shown, lift_ns, path)
-    end_phase()
-    return history, f"{mark(simulated)}{path}", [one.faults for one in shown if one.faults]
+        yield lambda reading: None
 
 
 def is_simulated(sources: Sequence[str]) -> bool:
@@ -235,7 +191,7 @@ def is_simulated(sources: Sequence[str]) -> bool:
     return any(text == FAKE or is_simulated_clip(Path(text)) for text in sources)
 
 
-def offered(estimator: str | None) -> tuple[str, ...]:
+def choosable_estimators(estimator: str | None) -> tuple[str, ...]:
     """Return the estimators that the user can choose from. estimator: named on the command line."""
     from rig.tactile.estimators import DEFAULT_ESTIMATOR, ESTIMATORS, TOSKOV
 
@@ -285,7 +241,7 @@ def desk_of(
         clips=clips,
         serials=tuple(map(serial_of, texts)),
         simulated=is_simulated(texts),
-        estimators=offered(options.estimator),
+        estimators=choosable_estimators(options.estimator),
     )
     sender = Sender(listeners)
     stack.callback(sender.close)
@@ -293,7 +249,7 @@ def desk_of(
 
 
 @contextmanager
-def stopped_by_person() -> Iterator[threading.Event]:
+def stop_event() -> Iterator[threading.Event]:
     """Yield an event that SIGINT (Ctrl-C), SIGQUIT, SIGTERM and SIGHUP set; a second signal ends the program.
 
     The first signal raises no exception, because that could leave locks of other threads held, and because
@@ -334,16 +290,16 @@ def run_desk(
     while not stopped.is_set() and (end_ns is None or clock.now_ns() < end_ns):
         for reading in desk.step():
             show(reading)
-        if page is not None and (asked := page.asked()) is not None:
-            desk.act(asked)
+        if page is not None and (action := page.take_action()) is not None:
+            desk.act(action)
         if desk.notice != notice:
             notice = desk.notice
             say(notice)
-        if desk.ended and page is None:
+        if desk.has_ended and page is None:
             return
 
 
-def _print_json(stopped: threading.Event, reading: "Reading") -> None:
+def print_json(stopped: threading.Event, reading: "Reading") -> None:
     """Print a reading as one line of JSON; set `stopped` if the reader has gone, as after `| head`."""
     print(json.dumps(reading.values()), flush=True)
     if getattr(sys.stdout, "reader_gone", False):
@@ -351,7 +307,7 @@ def _print_json(stopped: threading.Event, reading: "Reading") -> None:
 
 
 @contextmanager
-def _terminal() -> "Iterator[Callable[[Reading], None]]":
+def terminal_view() -> "Iterator[Callable[[Reading], None]]":
     """Yield a function that prints a line per sensor: updated on a terminal, else a new one every second."""
     from rich.live import Live
 
@@ -377,6 +333,11 @@ def _terminal() -> "Iterator[Callable[[Reading], None]]":
 
 @dataclass(frozen=True)
 class BridgeOptions(DeskOptions):
+    sources: list[str] = argument(
+        ...,
+        "One or two sources: a sensor as in rig live, or a clip, a video or a folder of images, which is "
+        "played as a sensor, at its frame rate or at 60 Hz.",
+    )
     # 232: highest domain whose port numbers fit into 16 bits (RTPS 2.5, section 9.6.2)
     domain: int = option(
         0,
@@ -410,7 +371,7 @@ def ros2(options: BridgeOptions) -> None:
 
     for package in ("cyclonedds", "rosbags"):
         require_extra(package, "ros2", "the bridge needs")
-    with stopped_by_person() as stopped, ExitStack() as stack:
+    with stop_event() as stopped, ExitStack() as stack:
         from rig.live.ros2_bridge import Ros2Bridge
 
         compute_in_one_thread()

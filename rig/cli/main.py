@@ -32,12 +32,11 @@ COMMANDS = {
         "play": "Make a film of a lift or of your own frames, with contact, axes and the angle over time.",
         "compare": "Compare two trials, or two estimators on one trial, by paired differences with "
         "intervals.",
-        "results": "Summarize a results table: MARE with intervals, agreement with stored lifts, broken "
-        "sessions.",
         "export": "Export a session to a format that other tools open. The session itself is not changed.",
     },
     "Own images": {
         "live": "Show the angle of one or two tactile sensors live, in the browser, as text or as JSON.",
+        "show": "Show a stored clip, ROS bag or lift as a whole, on a page with a slider.",
         "estimate": "Estimate the rotation of the contact in tactile images, in a table with a row per "
         "frame.",
         "explain": "Draw how the estimator slip finds an angle, on the two frames with the largest "
@@ -60,10 +59,6 @@ COMMANDS = {
         "runs unchanged.",
         "train": "Train segmentation networks for the contact, test them on other objects, and export them "
         "to ONNX.",
-        "train-angle": "Train an angle network that the paper compares with (its Table IV), and export it "
-        "to ONNX.",
-        "train-turning": "Train the network of slip that marks the parts of a contact that turn with the "
-        "object, and export it.",
         "benchmark": "Measure the rig, and print the results as tables. Without a command: estimators.",
         "model": "List the networks of the rig; import a checkpoint of your own.",
     },
@@ -78,8 +73,7 @@ The command NAME is `NAME` in `rig.cli.NAME` or in the module of `MODULES`; it i
 """
 MODULES = {
     "explain": "estimate", "label": "segment", "bridge": "live", "bench": "own_files", "objects": "own_files",
-    "new": "own_files", "estimators": "train", "train_angle": "train", "train_turning": "train",
-    "model": "train",
+    "new": "own_files", "estimators": "train", "model": "train",
 }  # fmt: skip
 
 

@@ -100,7 +100,7 @@ def _replay_many(options: ReplayOptions) -> None:
         raise InputError("no session given: give session folders, or a folder that holds them")
 
     def print_partial() -> None:
-        print_results(read_rows(folder / RESULTS["replay"], REPLAYS), "session", options.json)
+        print_results(read_rows(folder / RESULTS["replay"], REPLAYS), options.json)
 
     with may_be_continued(folder, session, print_partial):
         began = time.perf_counter()
@@ -119,7 +119,7 @@ def _replay_many(options: ReplayOptions) -> None:
         with WorkProgress(len(plan.tasks), "lifts") as bar:
             rows = run_replays(folder, plan, manifest, run, options.resume, bar.showing(row_note))
         wall_s = round(time.perf_counter() - began, 2)
-        print_results(rows, "session", options.json, [trial.manifest for trial in trials.values()])
+        print_results(rows, options.json, [trial.manifest for trial in trials.values()])
         say(f"{folder}/results.csv: {counted(len(rows), 'line')}, {wall_s:.1f} s")
         if options.json:
             emit_json({"out": str(folder), **results_json(rows), "wall_s": wall_s})

@@ -1,14 +1,11 @@
-"""`rig results`: summarize a results table of many lifts. Also prints the tables of other commands."""
+"""The tables of results that commands print: of a trial, of replays of many sessions, of limits."""
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
-
-import typer
+from typing import TYPE_CHECKING
 
 from drivers.errors import counted
-from rig.cli.common import emit_json, mark
-from rig.cli.options import JsonOption
+from rig.cli.common import mark
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -19,35 +16,8 @@ if TYPE_CHECKING:
     from rig.sessions.table_files import Line
 
 
-By = Literal["object", "session"]
-"""Whether a row of a summary is an object or a session."""
-
-
-def results(
-    table: Annotated[
-        Path, typer.Argument(help="results.csv, results.parquet, or the folder that `rig replay` wrote.")
-    ],
-    by: Annotated[By, typer.Option("--by", help="Print a row per object or per session.")] = "object",
-    json: JsonOption = False,
-) -> None:
-    """Summarize a results table: MARE with intervals, agreement with stored lifts, broken sessions.
-
-    Examples:
-      rig results sessions/ellipse
-      rig results sessions/ellipse/results.csv --by session --json
-    """
-    from rig.results.table import read_results, results_json
-
-    rows = read_results(table)
-    print_results(rows, by, to_stderr=json)
-    if json:
-        emit_json({"table": str(table), **results_json(rows)})
-
-
-def print_results(
-    rows: "list[Line]", by: By, to_stderr: bool, stored: "Sequence[TrialManifest]" = ()
-) -> None:
-    """Print the summary of a table's rows by object or by session, then the broken sessions.
+def print_results(rows: "list[Line]", to_stderr: bool, stored: "Sequence[TrialManifest]" = ()) -> None:
+    """Print the summary of a table's rows by session, then the broken sessions.
 
     stored: see `agreement_text`.
     """
@@ -58,11 +28,7 @@ def print_results(
 
     console = table_console(to_stderr)
     good = [row for row in rows if measured(row)]
-    if by == "object" and good:
-        for react, own in by_reaction(good).items():
-            simulated = mark(any(row["simulated"] for row in own))
-            console.print(object_table(summarize_table(own), simulated, react))
-    elif good:
+    if good:
         columns = ("session", "estimator", "reaction", "lifts", "phase B", "phases B and C", "answered")
         lines = []
         for session in dict.fromkeys(str(row["session"]) for row in good):
@@ -94,7 +60,7 @@ def trial_table(summary: "TrialSummary", simulated: str, wall_s: float, to_stder
     from rig.terminal.tables import table_console
 
     console = table_console(to_stderr)
-    console.print(object_table(summary, simulated, summary.reacting.kind if summary.reacting else "none"))
+    console.print(object_table(summary, simulated))
     console.print(
         f"{simulated}MARE over phase B {mare_text(summary.mare_b)}; paper, on its real bench: 1.85 ± 0.96; "
         f"if refused frames keep the last angle: {mare_text(summary.mare_held)}"
@@ -117,15 +83,15 @@ def print_limits(found: "Sequence[Judged]", to_stderr: bool = False) -> None:
         table_console(to_stderr).print(console_table(LIMIT_HEADINGS, limit_rows(found), (0, 1, 3), title))
 
 
-def object_table(summary: "TrialSummary", simulated: str, react: str = "none") -> "Table":
+def object_table(summary: "TrialSummary", simulated: str) -> "Table":
     """Return the table of errors per object.
 
-    simulated: prefix of the title, as of `mark`. react: name of the reaction to slip.
+    simulated: prefix of the title, as of `mark`.
     """
     from rig.results.metrics import HEADING, mare_text
     from rig.terminal.tables import console_table
 
-    reacting = "" if react == "none" else f"; reaction to slip: {react}"
+    reacting = f"; reaction to slip: {summary.reacting.kind}" if summary.reacting else ""
     title = f"{simulated}rotational error per object, degrees: {HEADING}{reacting}"
     columns = ("object", "lifts", "outcomes", "true turn", "phase B", "phases B and C", "answered")
     rows = [

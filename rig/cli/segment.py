@@ -106,7 +106,7 @@ def label(options: LabelOptions) -> None:
       rig label sessions/mug --out labels --json
     """
     from rig.frames.masks import SegmentChoice, segment_groups
-    from rig.labels.label_files import COCO, MASKS, export_coco, export_masks, propose
+    from rig.labels.label_files import COCO, MASKS, export_masks, outline_contact, propose, write_coco
 
     out, model = options.out, options.model
     choice, files = SegmentChoice(model, options.margin), []
@@ -117,10 +117,11 @@ def label(options: LabelOptions) -> None:
         else:
             origin = f"proposed by rig label, {model}; not yet looked at by a person"
             files.append(propose(done.file, done.mask, names[done.file], origin))
-    masks = list(export_masks(files, out / MASKS))
+    masks = export_masks(files, out / MASKS)
+    labelled = [outline_contact(file.image, mask) for file, mask in zip(files, masks, strict=True)]
     proposed = sum(file.proposed for file in files)
     kept = len(files) - proposed
-    export_coco(files, masks, out / COCO, f"contact labels; {proposed} of {len(files)} proposed just now")
+    write_coco(out / COCO, labelled, f"contact labels; {proposed} of {len(files)} proposed just now")
     say(
         f"{counted(proposed, 'label')} proposed, {kept} existing kept, in {out}; "
         f"masks and {COCO} hold all of them"

@@ -1,4 +1,4 @@
-"""`rig train`, `train-angle`, `train-turning`, `model`, `estimators`: networks, and a list of estimators."""
+"""`rig train`, `model`, `estimators`: networks, and a list of estimators."""
 
 import re
 from dataclasses import dataclass
@@ -6,7 +6,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from drivers.errors import InputError, unknown_name
+from drivers.errors import InputError
 from rig.cli.common import emit_json, print_result, say
 from rig.cli.helping import Commands
 from rig.cli.options import JsonOption, SeedOption
@@ -56,49 +56,6 @@ class TrainOptions:
     threads: int | None = option(None, "CPU threads. Default: as torch chooses.", min=1)
 
 
-@dataclass(frozen=True, slots=True)
-class AngleOptions:
-    network: str = argument(
-        ..., "Network: anglenet (angle from one image) or toskov (angle from the wrench at the wrist)."
-    )
-    data: list[Path] | None = option(
-        None, "Session of rig trial to train on; repeat for more. Default: SIMULATED lifts."
-    )
-    lifts: int | None = option(
-        None, "Simulated lifts per object. Default: 120 for toskov, 5 for anglenet.", min=1
-    )
-    epochs: int | None = option(None, "Training epochs. Default: 120 for toskov, 8 for anglenet.", min=1)
-    on_test_lifts: bool = option(
-        False,
-        "Train on the lifts of --data that are used for the test, too, as the paper trained AngleNet. "
-        "Default: the trial's objects are used for the test only.",
-    )
-
-
-@dataclass(frozen=True, slots=True)
-class TurningOptions:
-    faces: int = option(2600, "Number of SIMULATED object faces to train on, with six images each.", min=2)
-    epochs: int = option(8, "Training epochs.", min=1)
-    look: Path | None = option(
-        None,
-        "Look of a real sensor (.npz of rig calibrate tactile): every second sensor is a variation of it.",
-    )
-
-
-@dataclass(frozen=True, slots=True)
-class RunOptions:
-    out: Path = option(
-        ..., "Empty folder for the ONNX file and its card (its metadata).", callback=folder_place
-    )
-    threads: int | None = option(None, "CPU threads. Default: as torch chooses.", min=1)
-    seed: SeedOption = 0
-    json: JsonOption = False
-
-    def finish(self, card: dict[str, Any], summary: str) -> None:
-        say(summary)
-        print_result(self.json, {"out": str(self.out), **card}, self.out / "model.onnx")
-
-
 def train(options: TrainOptions) -> None:
     """Train segmentation networks for the contact, test them on other objects, and export them to ONNX.
 
@@ -146,62 +103,6 @@ def train(options: TrainOptions) -> None:
     table_console(options.json).print(console_table(columns, rows, range(len(columns)), title))
     if options.json:
         emit_json({"out": str(options.out), "models": cards})
-
-
-def train_angle(options: AngleOptions, run: RunOptions) -> None:
-    """Train an angle network that the paper compares with (its Table IV), and export it to ONNX.
-
-    The folder OUT then holds model.onnx and card.json. Use the network in rig benchmark trials with --model
-    anglenet=FILE or --model toskov=FILE. Needs the extra `train`.
-
-    Examples:
-      rig train-angle toskov --out runs/toskov
-      rig train-angle anglenet --data sessions/others --data sessions/trial --out runs/anglenet
-      rig train-angle anglenet --data trials/session --on-test-lifts --out runs/anglenet-on-test
-    """
-    require_training()
-    from rig.training.angles import EPOCHS, LIFTS, AngleSettings, train_angles
-
-    name, sessions = options.network, tuple(options.data or ())
-    if name not in LIFTS:
-        raise unknown_name("network", name, LIFTS)
-    lifts, epochs = options.lifts or LIFTS[name], options.epochs or EPOCHS[name]
-    settings = AngleSettings(name, sessions, lifts, epochs, run.seed, options.on_test_lifts, run.threads)
-    say(f"{name} from {', '.join(map(str, sessions)) or 'SIMULATED lifts'}, seed {run.seed}, into {run.out}")
-    with training_view() as view:
-        card = train_angles(run.out, settings, view)
-    test, simulated = card["test"], "SIMULATED: " if card["simulated"] else ""
-    scored = "the lifts it was trained on" if options.on_test_lifts else "objects it was not trained on"
-    run.finish(
-        card,
-        f"{simulated}{card['title']}, {card['parameters']} parameters: mean absolute error "
-        f"{test['error_deg']:.2f} deg on {scored}; always predicting 0 has {test['saying_zero_deg']:.2f} deg",
-    )
-
-
-def train_turning(options: TurningOptions, run: RunOptions) -> None:
-    """Train the network of slip that marks the parts of a contact that turn with the object, and export it.
-
-    The folder OUT then holds model.onnx and card.json. The estimator slip uses the network of the rig,
-    rig/models/turning.onnx, made from 16658 faces. Training takes about 15 minutes on two cores and 3 GB of
-    memory; with 16600 faces and 22 epochs, 3 hours and 16 GB. A GPU is used if there is one. Needs the extra
-    `train`.
-
-    Examples:
-      rig train-turning --out runs/turning
-      rig train-turning --faces 200 --epochs 2 --out runs/quick
-      rig train-turning --faces 16600 --epochs 22 --out runs/as-shipped
-    """
-    require_training()
-    from rig.training.turning_net import train_turning
-
-    say(f"turning from {options.faces} SIMULATED faces, seed {run.seed}, into {run.out}")
-    with training_view() as view:
-        card = train_turning(
-            run.out, options.faces, options.epochs, run.seed, run.threads, view, options.look
-        )
-    error = min(card["validation_error"])
-    run.finish(card, f"SIMULATED: mean error of the turning share {error:.3f} on validation faces")
 
 
 def require_training() -> None:

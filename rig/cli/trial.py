@@ -61,7 +61,6 @@ class LiftOptions:
     jobs: int | None = option(
         None, "Lifts in parallel on a simulated bench. Default: one per core.", min=1, max=64
     )
-    live: bool = option(False, "Show images, markers, angles and arm in rerun (extra 'live').")
     estimator: str | None = option(
         None,
         "slip, skeleton, ellipse, pca; the last three also with -published; ecc, "
@@ -266,7 +265,7 @@ def _lift_all(context: typer.Context, trial: _Trial, began: float) -> "TrialSumm
     """Lift all objects; return the summary. began: start of the command on the clock of `perf_counter`, s."""
     from rig.bench.source import session_bench
     from rig.experiments.trial import run_trial
-    from rig.live.session import live_session
+    from rig.live.feed import Listener, open_inbox
     from rig.live.trial_view import TrialView
     from rig.results.notes import lift_note
     from rig.results.summary import summarize_trial
@@ -289,7 +288,7 @@ def _lift_all(context: typer.Context, trial: _Trial, began: float) -> "TrialSumm
         may_be_continued(folder, options, show_partial),
         watched(context, options, title, "lifts", trial.wanted, trial.done) as others,
         session_bench(config, person, question, settings.realtime) as benches,
-        live_session(options.live, others) as (listeners, inbox),
+        open_inbox() as inbox,
         TrialView(trial.wanted, inbox, message, trial.done, trial.usual_s) as view,
     ):
         return run_trial(
@@ -301,6 +300,6 @@ def _lift_all(context: typer.Context, trial: _Trial, began: float) -> "TrialSumm
             resume=options.resume,
             benches=benches,
             progress=announcing(view, lift_note, fault),
-            live=listeners,
+            live=[Listener(inbox.address, pictures=False), *others],
             remarks=options.remarks(),
         )

@@ -28,8 +28,6 @@ PROBE_BYTES = 32 * 2**20
 """Bytes written to measure the disk's rate."""
 LEAST_MB_S = 20.0
 """Four times the data rate of two DIGITs at 60 and a camera at 30 frames per second, about 5 MB/s."""
-OLD_DAYS = 30.0
-"""Age of a calibration from which the doctor warns."""
 
 
 def look_at_disk(folder: Path) -> list[Finding]:
@@ -132,7 +130,7 @@ def look_at_calibrations(folder: Path, serials: set[str]) -> list[Finding]:
 
 
 def _calibration(path: Path, serials: set[str]) -> Finding:
-    from calibration.store import age_days, age_text, load, read_yaml
+    from calibration.store import OLD_DAYS, age_days, age_text, load, read_yaml
 
     try:
         about = read_yaml(path).get("calibration")

@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Sequence
-from contextlib import closing, nullcontext
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,22 +11,21 @@ from drivers.errors import CalibrationError, DeviceError
 from drivers.realtime import compute_in_one_thread
 from drivers.types import Pose
 from protocols.grasps import find_grasp_file
+from protocols.observer import NO_EVENTS
 from protocols.reaction import Reaction, ReactionKind
 from protocols.readiness import make_ready
 from protocols.slip_trial import run_lift
 from rig.bench.source import BenchSource, FreshBenches
 from rig.experiments.attempts import Attempt, fault_text
 from rig.experiments.lift_plan import LiftTask, TrialSettings, new_measurement, planned_lift
-from rig.lift.recording import FrameDelays, LiftObservers, MarkerPictures, OutlineObserver
-from rig.lift.result import lift_result, stage_times
+from rig.lift.recording import FrameDelays, LiftObservers, record_lift
+from rig.lift.result import evaluate_lift
 from rig.lift.slip_watch import SlipWatch
 from rig.live.feed import Listener
 from rig.live.observer import LiveObserver
 from rig.sessions.about import SIMULATED_EPOCH_NS, RecordingAbout
 from rig.sessions.manifest import SCHEMA_VERSION
-from rig.sessions.recorder import LiftRecorder
 from rig.sessions.records import Lift, LiftTiming
-from rig.sessions.unfinished import completed, new_recording
 from rig.version import VERSION
 
 IN_METADATA = (
@@ -53,17 +52,15 @@ def attempt_lift(
     began = time.perf_counter()
     benches = benches or FreshBenches(settings.bench, settings.realtime)
     plan, lift = planned_lift(settings, task)
-    file = None if folder is None else new_recording(folder, task.recording)
     measurement = new_measurement(settings)
-    stored = {"jpeg": MarkerPictures(measurement).jpeg} if settings.markers_only else {}
-    recorder = None if file is None else LiftRecorder(file, _about(settings, lift), **stored)
-    reaction = _reaction(settings, task, measurement.watch)
-    shown = LiveObserver(measurement, live, lift) if live else None
-    delays: FrameDelays | None = None
-    with completed(recorder, file) if recorder and file else nullcontext():
+    about = describe_recording(settings, lift)
+    reaction = choose_reaction(settings, task, measurement.watch)
+    viewers = LiveObserver(measurement, live, lift) if live else NO_EVENTS
+    delays = FrameDelays()
+    with record_lift(folder, task.recording, about, measurement, settings.markers_only) as recording:
         try:
             with (
-                closing(shown) if shown else nullcontext(),
+                closing(viewers),
                 benches.for_lift(lift.seed, task.name, task.attempt) as (bench, operator),
             ):
                 delays = FrameDelays(bench.clock)
@@ -72,31 +69,29 @@ def attempt_lift(
                 operator.place(plan.object_id, plan.object_name)
                 # A frame is stored as received, then measured. Outlines and viewers need the measurement, and
                 # the delays include the work of all others.
-                outlines = OutlineObserver(measurement, recorder) if recorder else None
-                observers = LiftObservers(measurement, recorder, measurement, outlines, shown, delays)
-                run_lift(bench, plan, observers, reaction)
+                observers = recording.received, measurement, recording.outlines, viewers, delays
+                run_lift(bench, plan, LiftObservers(measurement, *observers), reaction)
         except (DeviceError, CalibrationError) as error:
-            lift = replace(lift, fault=fault_text(error), bench_s=delays.spent_s() if delays else 0.0)
+            lift = replace(lift, fault=fault_text(error), bench_s=delays.spent_s())
         else:
-            lift = replace(lift, bench_s=delays.spent_s())
-            lift = replace(lift_result(measurement, lift), clock_rates=delays.clock_rates() or None)
-        if recorder:
-            for series in (lift.angles or {}).values():
-                recorder.angles(series)
+            lift = replace(lift, bench_s=delays.spent_s(), clock_rates=delays.clock_rates() or None)
+            lift = evaluate_lift(measurement, lift)
+        for series in (lift.angles or {}).values():
+            recording.store(series)
         if lift.displaced:
             benches.displaced()
     timing = LiftTiming(
         number=task.number,
         attempt=task.attempt,
         wall_s=time.perf_counter() - began,
-        stages=stage_times(measurement),
-        capture_to_angle=(delays.latency() if delays else None) or None,
+        stages=measurement.stage_times(),
+        capture_to_angle=delays.latency() or None,
     )
-    files = {task.recording: file.path} if file else {}
+    files = {name: file.path for name, file in recording.files.items()}
     return Attempt(replace(lift, angles=None), timing, files, "; ".join(lift.warnings) or None)
 
 
-def _about(settings: TrialSettings, lift: Lift) -> RecordingAbout:
+def describe_recording(settings: TrialSettings, lift: Lift) -> RecordingAbout:
     """Return the metadata of a lift's recording; those of a simulated lift depend only on its seed."""
     bench = settings.bench
     camera = bench.require("camera").serial
@@ -120,7 +115,8 @@ def _about(settings: TrialSettings, lift: Lift) -> RecordingAbout:
     )
 
 
-def _reaction(settings: TrialSettings, task: LiftTask, watch: SlipWatch | None) -> Reaction | None:
+def choose_reaction(settings: TrialSettings, task: LiftTask, watch: SlipWatch | None) -> Reaction | None:
+    """Return the reaction to slip of a lift; None without one."""
     if watch is None:
         return None
     if settings.react is not ReactionKind.TIGHTEN:

@@ -15,7 +15,7 @@ from drivers.errors import InputError, RigError, SessionError
 from drivers.realtime import compute_in_one_thread
 from rig.experiments.lift_plan import StoredTrial, TrialSettings, new_measurement, trial_of
 from rig.experiments.process_pool import run_tasks
-from rig.lift.result import lift_result
+from rig.lift.result import evaluate_lift
 from rig.results.listing import find_sessions
 from rig.results.summary import TrialSummary, summarize_trial
 from rig.results.table import (
@@ -99,7 +99,7 @@ def replay_lift(
     known_ns = {name: round(time_s * NS_PER_S) for name, time_s in row.phases_s.items()}
     try:
         show_again(path, measurement, known_ns, gaps)
-        again = lift_result(measurement, row)
+        again = evaluate_lift(measurement, row)
     except RigError as error:
         return None, gaps_text(path, gaps, error) if gaps else str(error)
     fused = replace(again, angles={FUSED: again.estimate})

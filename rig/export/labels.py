@@ -1,10 +1,9 @@
 """Export contact masks as COCO or LabelMe files, with copies of the images."""
 
-import json
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 
 import numpy as np
 
@@ -13,8 +12,7 @@ from drivers.images import image_flaw, load_image
 from drivers.types import Image
 from protocols.observer import Phase
 from rig.export.result import Exported, ExportRequest, simulated_mark
-from rig.labels.label_files import LABEL, LabelledImage, coco_document, labelme_document
-from rig.labels.polygons import mask_polygons
+from rig.labels.label_files import COCO, outline_contact, write_coco, write_labelme
 from rig.sessions.files import reference_file, true_mask_file
 from rig.sessions.reading import phase_times, recorded_frames
 from rig.tactile.contact.background import mean_background
@@ -38,11 +36,6 @@ class ContactImage:
     mask: Image
     note: str
 
-    @property
-    def size(self) -> tuple[int, int]:
-        """Width and height in px."""
-        return self.mask.shape[1], self.mask.shape[0]
-
 
 def contact_images(request: ExportRequest) -> Iterator[ContactImage]:
     """Yield the images of a recording, or every Nth frame with contact of a trial's fingertips.
@@ -61,7 +54,7 @@ def _of_recording(request: ExportRequest) -> Iterator[ContactImage]:
             picture, note = _read(path), TRUE_NOTE
             truth = request.session / true_mask_file(path.stem)
             if not truth.exists():
-                mask, note = _found(finders[image.serial], picture), FOUND_NOTE
+                mask, note = _find(finders[image.serial], picture), FOUND_NOTE
             elif (mask := load_image(truth, grey=True)) is None or mask.shape != picture.shape[:2]:
                 raise SessionError(
                     f"{truth}: the true mask cannot be read, or its size differs from the image's"
@@ -78,13 +71,14 @@ def _of_trial(request: ExportRequest) -> Iterator[ContactImage]:
             finder = ContactFinder(mean_background([f.image for f in frames if f.time_ns < grasp_ns]))
             folder = f"{row.object}_{row.name.replace(' ', '_')}"
             for frame in [f for f in frames if f.time_ns >= grasp_ns][:: request.every]:
-                mask = _found(finder, frame.image)
+                mask = _find(finder, frame.image)
                 if mask.any() and frame.jpeg is not None:
                     name = f"{folder}/{recording.stem}_{serial}_{frame.sequence:06d}.jpg"
                     yield ContactImage(name, frame.jpeg, mask, FOUND_NOTE)
 
 
-def _found(finder: ContactFinder, image: Image) -> Image:
+def _find(finder: ContactFinder, image: Image) -> Image:
+    """Return the contact mask of a frame, all 0 without contact."""
     mask = finder.find(image).mask
     return np.zeros(image.shape[:2], np.uint8) if mask is None else mask
 
@@ -97,39 +91,35 @@ def _read(path: Path) -> Image:
 
 
 def export_coco(request: ExportRequest) -> Exported:
-    """Write `images/` and `annotations.json`. Raises `SessionError` for a damaged session."""
-    labelled, notes = [], Counter[str]()
-    for image in _kept(request, notes, "images"):
-        labelled.append(LabelledImage(image.name, image.size, mask_polygons(image.mask)))
-    said = _said(request, notes)
-    document = coco_document(
-        labelled, f"{request.session.name}, rig {request.manifest.tool_version}; {'; '.join(said)}"
-    )
-    (request.out / "annotations.json").write_text(json.dumps(document))
+    """Write the images and `COCO`. Raises `SessionError` for a damaged session."""
+    notes = Counter[str]()
+    labelled = [outline_contact(path, image.mask) for image, path in _write_images(request, notes)]
+    origins = _describe(request, notes)
+    note = f"{request.session.name}, rig {request.manifest.tool_version}; {'; '.join(origins)}"
+    write_coco(request.out / COCO, labelled, note)
     annotated = sum(bool(image.polygons) for image in labelled)
-    return Exported({"images": len(labelled), "annotations": annotated}, said)
+    return Exported({"images": len(labelled), "annotations": annotated}, origins)
 
 
 def export_labelme(request: ExportRequest) -> Exported:
     """Write the images with a LabelMe file for each. Raises `SessionError` for a damaged session."""
     notes = Counter[str]()
-    for image in _kept(request, notes, ""):
-        path = PurePosixPath(image.name)
-        document = labelme_document(path.name, image.size, mask_polygons(image.mask), LABEL, image.note)
-        (request.out / path.with_suffix(".json")).write_text(json.dumps(document, indent=1))
-    return Exported({"images": notes.total()}, _said(request, notes))
+    for image, path in _write_images(request, notes):
+        write_labelme(path.with_suffix(".json"), outline_contact(path, image.mask), image.note)
+    return Exported({"images": notes.total()}, _describe(request, notes))
 
 
-def _kept(request: ExportRequest, notes: "Counter[str]", folder: str) -> Iterator[ContactImage]:
-    """Yield the images after writing each to a folder of the export; count their notes."""
+def _write_images(request: ExportRequest, notes: "Counter[str]") -> Iterator[tuple[ContactImage, Path]]:
+    """Write the images; yield each with its file, and count their notes."""
     for image in contact_images(request):
-        path = request.out / folder / image.name
+        path = request.out / image.name
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_bytes(image.encoded)
         notes[image.note] += 1
-        yield image
+        yield image, path
 
 
-def _said(request: ExportRequest, notes: "Counter[str]") -> tuple[str, ...]:
+def _describe(request: ExportRequest, notes: "Counter[str]") -> tuple[str, ...]:
+    """Return the number of images for each origin of their masks."""
     mark = simulated_mark(request.manifest)
     return tuple(f"{mark}{counted(count, 'image')}, {note}" for note, count in sorted(notes.items()))

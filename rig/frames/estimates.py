@@ -10,7 +10,8 @@ from typing import Protocol
 
 import numpy as np
 
-from drivers.errors import FormatError, InputError, counted
+from calibration.store import load
+from drivers.errors import CalibrationError, FormatError, InputError, counted
 from drivers.progress import steps
 from drivers.types import ArmState, Image
 from rig.frames.of_session import SessionSeries
@@ -40,6 +41,8 @@ DARK_SHARE = 0.7
 CONTACT_IN_BACKGROUND = (
     f"{LOOKS_LIKE_CONTACT} that other frames do not show: give an IMAGE without contact, or --background auto"
 )
+MOVING_SIGMAS = 3.0
+"""Standard deviations of a change of the angle that is not noise."""
 CHECKED_FRAMES = 24
 """A background is checked with this many to twice as many frames of a recording, after the last one; each
 takes about 1 ms."""
@@ -244,6 +247,18 @@ def rows(estimate: Estimate, mm_per_px: tuple[float, float] | None = None) -> li
     return found
 
 
+def read_scale(path: Path) -> tuple[float, float]:
+    """Read mm per pixel along x and y from a file of `rig calibrate tactile`. Raises `CalibrationError`."""
+    value = load(path, "tactile").value
+    try:
+        across, along = (float(v) for v in value["mm_per_px"])
+    except (KeyError, TypeError, ValueError) as error:
+        raise CalibrationError(
+            f"{path}: holds no mm_per_px; press balls with rig calibrate tactile"
+        ) from error
+    return across, along
+
+
 def shift_mm(
     shift_px: tuple[float, float] | None, mm_per_px: tuple[float, float]
 ) -> tuple[float | None, float | None]:
@@ -283,6 +298,23 @@ def _rounded(value: float | None) -> float | None:
     return None if value is None else round(value, 4)
 
 
+def _motion_at(samples: Sequence[SlipSample], zero: int) -> str:
+    """Return a warning if the object was turning at the zero; empty if not.
+
+    It was if the angle has changed by more than three sigma since the frame before, which showed the contact.
+    """
+    before, sigma_deg = samples[zero - 1] if zero else samples[zero], samples[zero].sigma_deg
+    if before.angle_deg is None or sigma_deg is None or samples[zero].state is State.REKEYED:
+        return ""
+    turned_deg = (samples[zero].angle_deg or 0.0) - before.angle_deg
+    if abs(turned_deg) <= MOVING_SIGMAS * sigma_deg:
+        return ""
+    return (
+        f", in which the object was turning ({turned_deg:+.1f} degrees since the frame before): "
+        "name a frame at rest with --reference-time"
+    )
+
+
 def _zero_place(estimate: Estimate, reference: FrameTime | None) -> tuple[int | None, str]:
     """Return the number of the frame whose angle is 0, and a note; None without an angle."""
     times, samples = estimate.times, estimate.samples
@@ -293,7 +325,8 @@ def _zero_place(estimate: Estimate, reference: FrameTime | None) -> tuple[int | 
         settled = next((i for i in answered if samples[i].settled), None)
         if settled is None:
             return answered[0], "at the first frame with an angle; the contact never settled"
-        return settled, "at the first frame with an angle in a settled contact"
+        note = "at the first frame with an angle in a settled contact"
+        return settled, note + _motion_at(samples, settled)
     _check_within(estimate, "--reference-time", reference)
     place = min(range(len(times)), key=lambda i: abs(times[i].time_ns - reference.time_ns))
     if place in answered:

@@ -8,14 +8,15 @@ estimator reports that the contact has settled.
 from collections import deque
 from collections.abc import Sequence
 
+from drivers.clock import to_ns
 from rig.lift.onset import ALARM_RATE_DEG_S, ONSET_DEG, leaves_rest
 from rig.lift.slip_watch import REST_NS
 from rig.tactile.sample import SlipSample, State
 from rig.tactile.settling import NEW_GRASP_NS
 
-REST_FRAMES = 5
-"""Number of angles whose mean is the angle at rest: a single one is off by up to 0.4 degrees in a contact
-that shows the rotation badly."""
+REST_MEAN_NS = to_ns(0.07)
+"""Time over which angles are averaged to that at rest, of two frames at least: a single one is off by up to
+0.4 degrees in a contact that shows the rotation badly."""
 LEAST_SIGMAS = 0.2
 """Least rotation in sigmas of this contact's angle. With it at most one of 25 SIMULATED presses at rest
 raises the alarm, in eight sets; presses that turn by 5 or 15 degrees a second raise it at 0.6 or 0.8 degrees
@@ -77,7 +78,7 @@ class SlipAlarm:
 
 
 class _TurnWatch:
-    """Detects rotations from the angle at rest, which is the mean of the first `REST_FRAMES` angles.
+    """Detects rotations from the angle at rest, which is the mean of the angles in the first `REST_MEAN_NS`.
 
     A rotation is at least `ONSET_DEG`, and `LEAST_SIGMAS` of the deviation that its contact has by itself.
     A step of the angle in a frame with another keyframe is no rotation. After a rotation the angle at which
@@ -88,7 +89,7 @@ class _TurnWatch:
         self.on = False
         """Whether the object rotates, or has rotated within the last `REST_NS`."""
         self._rest_deg, self._last_deg, self._frames = 0.0, 0.0, 0
-        self._turned_ns = 0
+        self._turned_ns, self._began_ns = 0, 0
 
     def update(self, sample: SlipSample) -> bool:
         """Process the next sample; return whether a rotation has begun in it."""
@@ -106,7 +107,9 @@ class _TurnWatch:
             if abs(turned_deg) >= least_deg and leaves_rest(turned_deg, rate_deg_s):
                 self.on, self._turned_ns = True, sample.time_ns
                 return True
-            if self._frames < REST_FRAMES:
+            if self._frames == 0:
+                self._began_ns = sample.time_ns
+            if self._frames < 2 or sample.time_ns - self._began_ns < REST_MEAN_NS:
                 self._frames += 1
                 self._rest_deg += (angle_deg - self._rest_deg) / self._frames
         return False
@@ -119,5 +122,5 @@ class _TurnWatch:
         elif sample.time_ns - self._turned_ns >= REST_NS:
             self.on, self._frames = False, 0
             if sample.angle_deg is not None:
-                self._rest_deg, self._frames = sample.angle_deg, REST_FRAMES
+                self._rest_deg, self._frames, self._began_ns = sample.angle_deg, 2, 0
                 self._last_deg = sample.angle_deg

@@ -12,7 +12,6 @@ from drivers.clock import NS_PER_S
 from drivers.errors import InputError
 from drivers.types import Image
 from rig.frames.estimates import EstimatedSeries, Estimation
-from rig.frames.gel_height import GelMap, GelShape, depth_picture, gel_shape, normals_picture
 from rig.frames.of_session import of_sensor, session_frames
 from rig.frames.series import read_frames
 from rig.sessions.manifest import TrialManifest, read_manifest_of
@@ -94,24 +93,6 @@ def _largest_turn(found: EstimatedSeries, aspect: float | None, title: str) -> T
         aspect,
         title,
     )
-
-
-def height_picture(turn: Turn, gel: GelMap) -> tuple[Image, GelShape]:
-    """Draw frames, normals and depth of a rotation, (H, W, 3) uint8 RGB; return also the shape at its end.
-
-    Raises `CalibrationError` if the frames do not have the calibrated size.
-    """
-    shapes = [gel_shape(image, turn.background, gel) for image in (turn.zero, turn.later)]
-    texts = "at the zero", f"{turn.apart_s:.2f} s later"
-    rows = tuple(
-        (
-            (image, text),
-            (normals_picture(shape), "normals"),
-            (depth_picture(shape), f"depth, up to {shape.depth_mm.max():.2f} mm"),
-        )
-        for image, text, shape in zip((turn.zero, turn.later), texts, shapes, strict=True)
-    )
-    return _sheet(rows, turn), shapes[1]
 
 
 def stages_picture(turn: Turn) -> Image:

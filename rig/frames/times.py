@@ -97,7 +97,7 @@ def checked_times(where: str, times_ns: Sequence[int] | Times) -> tuple[str, ...
             "was the clock set, or was a time not known? Correct the times, or give a frame rate (--fps)"
         )
     step_s = float(np.median(steps[steps > 0])) / NS_PER_S
-    if not LEAST_FPS <= 1.0 / step_s <= MAX_FPS:
+    if not LEAST_FPS <= 1.0 / step_s <= _USUAL_FPS[1]:
         raise InputError(
             f"{where}: {1.0 / step_s:.3g} frames per second by their times, {step_s:.3g} s apart: "
             f"{_unit_question(step_s)} Give times in s, or a frame rate (--fps)"

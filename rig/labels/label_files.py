@@ -1,7 +1,7 @@
 """Label files: written for manual correction, and exported after it.
 
 LabelMe: one JSON file beside each image, with the fields of labelme 5 (`labelme/_label_file.py`). Points are
-x, y in pixels; `imageData` is empty if the image is beside the file. COCO: one JSON file for all images, with
+x, y in pixels; `imageData` is empty, as the file names the image. COCO: one JSON file for all images, with
 the instance annotations of https://cocodataset.org/#format-data; ids count from 1.
 """
 
@@ -33,33 +33,81 @@ _FAR, _MOST_PX = 1.0, 1e6
 """Largest distance of a corner from its image, in image widths or heights; largest coordinate in px."""
 
 
-def labelme_document(
-    image_name: str, size: tuple[int, int], polygons: Sequence[Polygon], label: str, note: str
-) -> dict[str, object]:
-    """Return the JSON value of one image's annotation.
+@dataclass(frozen=True, slots=True, eq=False)
+class LabelledImage:
+    """An image file, its width and height in px, and the outlines of the contact in it."""
 
-    image_name: path of the image, relative to the file. size: width and height, px. note: origin of the
-    outline, stored as each shape's description.
-    """
-    return {
+    path: Path
+    size: tuple[int, int]
+    polygons: Sequence[Polygon]
+
+
+def outline_contact(path: Path, mask: Image) -> LabelledImage:
+    """Return an image file with the outlines of its contact mask (H, W), not 0 inside."""
+    return LabelledImage(path, (mask.shape[1], mask.shape[0]), mask_polygons(mask))
+
+
+def write_labelme(path: Path, image: LabelledImage, note: str) -> None:
+    """Write the LabelMe file of an image. note: origin of the outlines, stored with each of them."""
+    shapes = [
+        {
+            "label": LABEL,
+            "points": [[round(float(x), 2), round(float(y), 2)] for x, y in polygon],
+            "group_id": None,
+            "description": note,
+            "shape_type": "polygon",
+            "flags": {},
+            "mask": None,
+        }
+        for polygon in image.polygons
+    ]
+    document = {
         "version": FORMAT_VERSION,
         "flags": {},
-        "shapes": [
-            {
-                "label": label,
-                "points": [[round(float(x), 2), round(float(y), 2)] for x, y in polygon],
-                "group_id": None,
-                "description": note,
-                "shape_type": "polygon",
-                "flags": {},
-                "mask": None,
-            }
-            for polygon in polygons
-        ],
-        "imagePath": image_name,
+        "shapes": shapes,
+        "imagePath": os.path.relpath(image.path, path.parent),
         "imageData": None,
-        "imageHeight": size[1],
-        "imageWidth": size[0],
+        "imageHeight": image.size[1],
+        "imageWidth": image.size[0],
+    }
+    write_json(path, document)
+
+
+def write_coco(path: Path, images: Sequence[LabelledImage], note: str) -> None:
+    """Write one COCO file for all images, with their paths relative to it. Its only category is `LABEL`.
+
+    note: content of the images and origin of their outlines.
+    """
+    contacts = [(i, image) for i, image in enumerate(images, start=1) if image.polygons]
+    entries = [
+        {"id": i, "file_name": os.path.relpath(image.path, path.parent), "width": image.size[0],
+         "height": image.size[1]}
+        for i, image in enumerate(images, start=1)
+    ]  # fmt: skip
+    document = {
+        "info": {"description": note, "version": "1.0"},
+        "licenses": [],
+        "images": entries,
+        "annotations": [
+            _annotation(number, image_id, image.polygons)
+            for number, (image_id, image) in enumerate(contacts, start=1)
+        ],
+        "categories": [{"id": 1, "name": LABEL, "supercategory": "contact"}] if images else [],
+    }
+    write_json(path, document)
+
+
+def _annotation(number: int, image_id: int, polygons: Sequence[Polygon]) -> dict[str, object]:
+    corners = np.concatenate(polygons)
+    (left, top), (right, bottom) = corners.min(axis=0), corners.max(axis=0)
+    return {
+        "id": number,
+        "image_id": image_id,
+        "category_id": 1,
+        "segmentation": [[round(float(v), 2) for v in polygon.reshape(-1)] for polygon in polygons],
+        "area": round(sum(polygon_area(polygon) for polygon in polygons), 2),
+        "bbox": [round(float(v), 2) for v in (left, top, right - left, bottom - top)],
+        "iscrowd": 0,
     }
 
 
@@ -78,7 +126,7 @@ def labelme_mask(document: dict[str, Any], shape: tuple[int, int], where: str) -
             continue
         name = f"{where}, shape {number}"
         if isinstance(entry, dict) and entry.get("shape_type") == "mask":
-            painted.append(_painted(entry, (math.ceil(drawn_on[0]), math.ceil(drawn_on[1])), name))
+            painted.append(_paint(entry, (math.ceil(drawn_on[0]), math.ceil(drawn_on[1])), name))
             continue
         share = _corners(entry, name) / np.array(drawn_on)
         if np.abs(share - 0.5).max() > 0.5 + _FAR:
@@ -91,7 +139,7 @@ def labelme_mask(document: dict[str, Any], shape: tuple[int, int], where: str) -
     return mask
 
 
-def _painted(entry: dict[str, Any], size: tuple[int, int], where: str) -> Image:
+def _paint(entry: dict[str, Any], size: tuple[int, int], where: str) -> Image:
     """Return a shape that is a mask, a PNG of the part between its two points, as (H, W) uint8, 0 or 255."""
     try:
         part = decode_image(base64.b64decode(entry["mask"], validate=True), grey=True)
@@ -129,50 +177,6 @@ def _corners(entry: Any, where: str) -> Polygon:
     )
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class LabelledImage:
-    """An image (name, width and height in px) and the outlines of the contact in it."""
-
-    file_name: str
-    size: tuple[int, int]
-    polygons: Sequence[Polygon]
-
-
-def coco_document(images: Sequence[LabelledImage], description: str) -> dict[str, object]:
-    """Return the JSON value for a set of images, whose only category is `LABEL`.
-
-    description: content of the images and origin of their outlines.
-    """
-    contacts = [(i, image) for i, image in enumerate(images, start=1) if image.polygons]
-    return {
-        "info": {"description": description, "version": "1.0"},
-        "licenses": [],
-        "images": [
-            {"id": i, "file_name": image.file_name, "width": image.size[0], "height": image.size[1]}
-            for i, image in enumerate(images, start=1)
-        ],
-        "annotations": [
-            _annotation(number, image_id, image.polygons)
-            for number, (image_id, image) in enumerate(contacts, start=1)
-        ],
-        "categories": [{"id": 1, "name": LABEL, "supercategory": "contact"}] if images else [],
-    }
-
-
-def _annotation(number: int, image_id: int, polygons: Sequence[Polygon]) -> dict[str, object]:
-    corners = np.concatenate(polygons)
-    (left, top), (right, bottom) = corners.min(axis=0), corners.max(axis=0)
-    return {
-        "id": number,
-        "image_id": image_id,
-        "category_id": 1,
-        "segmentation": [[round(float(v), 2) for v in polygon.reshape(-1)] for polygon in polygons],
-        "area": round(sum(polygon_area(polygon) for polygon in polygons), 2),
-        "bbox": [round(float(v), 2) for v in (left, top, right - left, bottom - top)],
-        "iscrowd": 0,
-    }
-
-
 @dataclass(frozen=True, slots=True)
 class LabelFile:
     """The label file of one image. size: (width, height) in px. proposed: whether it was written just now."""
@@ -188,12 +192,10 @@ def propose(image: Path, mask: Image, path: Path, note: str) -> LabelFile:
 
     An existing file is left unchanged, because it may hold manual corrections. note: origin of the mask.
     """
-    size = (mask.shape[1], mask.shape[0])
-    if path.exists():
-        return LabelFile(image, path, size, False)
-    relative = os.path.relpath(image, path.parent)
-    write_json(path, labelme_document(relative, size, mask_polygons(mask), LABEL, note))
-    return LabelFile(image, path, size, True)
+    proposed = not path.exists()
+    if proposed:
+        write_labelme(path, outline_contact(image, mask), note)
+    return LabelFile(image, path, (mask.shape[1], mask.shape[0]), proposed)
 
 
 def export_masks(files: Sequence[LabelFile], folder: Path) -> Iterator[Image]:
@@ -202,15 +204,6 @@ def export_masks(files: Sequence[LabelFile], folder: Path) -> Iterator[Image]:
         mask = labelme_mask(read_label(file.path), (file.size[1], file.size[0]), str(file.path))
         write_file(folder / f"{file.path.stem}.png", encode_png(mask))
         yield mask
-
-
-def export_coco(files: Sequence[LabelFile], masks: Sequence[Image], path: Path, note: str) -> None:
-    """Write all labels as one COCO file, with the images' paths relative to it."""
-    images = [
-        LabelledImage(os.path.relpath(file.image, path.parent), file.size, mask_polygons(mask))
-        for file, mask in zip(files, masks, strict=True)
-    ]
-    write_json(path, coco_document(images, note))
 
 
 def read_label(path: Path) -> dict[str, Any]:

@@ -154,11 +154,6 @@ class MarkerTruth:
             raise CalibrationError(NO_ZERO)
         return self._zero.plane.distance_sides
 
-    def latest_corners_px(self) -> NDArray[np.float64] | None:
-        """Return both markers in the newest picture, (2, 4, 2) px, for display; None if they were refused."""
-        newest = self._sightings[-1] if self._sightings else None
-        return newest.corners_px if newest and newest.time_ns == self._newest_ns else None
-
     def series(self, zero_ns: int = 0) -> Angles:
         """Return all angles so far, without refused frames. zero_ns: see `Angles`.
 

@@ -6,6 +6,8 @@ The same class observes a live lift and its recording, so a replay gives bitwise
 import logging
 from dataclasses import dataclass, field, replace
 
+import numpy as np
+
 from calibration.markers.angle import MarkerAngle
 from calibration.markers.tracker import MarkerTracker
 from drivers.clock import to_ns
@@ -18,7 +20,7 @@ from rig.config import BenchConfig
 from rig.lift.marker_truth import MarkerTruth
 from rig.lift.object_angle import ZERO_S, ObjectAngle
 from rig.lift.slip_watch import SlipSettings, SlipWatch
-from rig.sessions.records import MarkerDistance
+from rig.sessions.records import StageTimes
 from rig.tactile.contact.background import mean_background
 from rig.tactile.contact.gate import TouchDebounce
 from rig.tactile.contact.untouched import Comparison
@@ -31,10 +33,6 @@ CAMERA = "camera"
 """Name of the external camera among the counted sources; fingertips are named by serial."""
 
 _log = logging.getLogger("rig.lift")
-
-MOST_OFF = 0.10
-"""Largest relative difference without a warning: objects have a thickness, markers are not at their
-centre."""
 
 
 @dataclass(slots=True)
@@ -113,7 +111,7 @@ class LiftMeasurement(LiftObserver):
 
     def reaction(self, step: ReactionStep, time_ns: int, position: int) -> None:
         if self.watch is not None:
-            self.watch.reacted(step, time_ns, position)
+            self.watch.add_step(step, time_ns, position)
         if step is ReactionStep.CLOSED:
             for tip in self._tips.values():
                 if tip.estimator is not None:
@@ -128,6 +126,14 @@ class LiftMeasurement(LiftObserver):
         touching = [s.time_ns for s in samples if s.state is not State.NO_CONTACT]
         last = max(touching, default=min((s.time_ns for s in samples), default=until_ns))
         return last if last < until_ns - to_ns(FALLEN_S) else None
+
+    def stage_times(self) -> dict[str, StageTimes]:
+        """Return the computing time per stage and frame with contact, ms: median, 95th, 99th percentile."""
+        stages: dict[str, list[float]] = {}
+        for spent_s in (sample.stage_s for sample in self.angle.samples if sample.estimated):
+            for stage, time_s in {**spent_s, "total": sum(spent_s.values())}.items():
+                stages.setdefault(stage, []).append(time_s * 1e3)
+        return {name: StageTimes(*np.percentile(ms, [50, 95, 99]).tolist()) for name, ms in stages.items()}
 
     def _tactile(self, tip: _Tip, frame: Frame) -> None:
         if tip.estimator is None:
@@ -169,14 +175,3 @@ class LiftMeasurement(LiftObserver):
                     for serial, tip in self.angle.tips.items()
                 }
             )
-
-
-def distance_warning(bench: BenchConfig, sides: float | None) -> MarkerDistance | None:
-    """Compare the distance of the markers, in marker sides, with the pose of the camera and the table's mark.
-
-    Return None within 10 %, or if it is unknown.
-    """
-    if sides is None:
-        return None
-    seen_m, placed_m = sides * bench.require("camera").marker_side_m, bench.object_distance_m()
-    return MarkerDistance(seen_m, placed_m) if abs(seen_m - placed_m) > MOST_OFF * placed_m else None

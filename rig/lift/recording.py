@@ -1,6 +1,8 @@
-"""Observers of a lift: several in order, outlines of contacts, delays of frames; the recorded true angle."""
+"""Observers of a lift: its recording, several in order, delays of frames; the recorded true angle."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -8,11 +10,13 @@ import numpy as np
 from drivers.clock import NS_PER_S, Clock, SystemClock, to_ns
 from drivers.images import encode_jpeg
 from drivers.types import ArmState, Frame, GripperState
-from protocols.observer import LiftEvents, LiftObserver, Phase, ReactionStep
+from protocols.observer import NO_EVENTS, LiftEvents, LiftObserver, Phase, ReactionStep
 from rig.lift.measurement import LiftMeasurement
+from rig.sessions.about import RecordingAbout
 from rig.sessions.reading import recorded_angles
 from rig.sessions.recorder import LiftRecorder
 from rig.sessions.records import LatencyTimes
+from rig.sessions.unfinished import BackgroundFile, complete_at_end, new_recording
 from rig.tactile.angles import MARKERS, Angles
 from rig.tactile.contact.finder import ContactFinder
 
@@ -81,12 +85,44 @@ class MarkerPictures:
         return encode_jpeg(stored, MARKER_QUALITY)
 
 
+@dataclass(frozen=True, slots=True)
+class LiftRecording:
+    """A recording in progress; by default one that records nothing.
+
+    received: observer that stores the messages as received. outlines: stores outlines; it must come after the
+    measurement. store: writes angles. files: by name in the session.
+    """
+
+    received: LiftEvents = NO_EVENTS
+    outlines: LiftEvents = NO_EVENTS
+    store: Callable[[Angles], None] = lambda angles: None
+    files: Mapping[str, BackgroundFile] = field(default_factory=dict)
+
+
+@contextmanager
+def record_lift(
+    folder: Path | None, name: str, about: RecordingAbout, measurement: LiftMeasurement, markers_only: bool
+) -> Iterator[LiftRecording]:
+    """Record a lift under an unfinished name, and complete the recording when the lift ends.
+
+    folder: of the session; None for no recording. name: of the recording in it. markers_only: store only the
+    surroundings of the markers of the camera's pictures. Raises `RecordingError` if it cannot be written.
+    """
+    if folder is None:
+        yield LiftRecording()
+        return
+    file = new_recording(folder, name)
+    stored = {"jpeg": MarkerPictures(measurement).jpeg} if markers_only else {}
+    recorder = LiftRecorder(file, about, **stored)
+    with complete_at_end(recorder, file):
+        yield LiftRecording(recorder, OutlineObserver(measurement, recorder), recorder.angles, {name: file})
+
+
 class LiftObservers(LiftObserver):
     """Forwards each event to several observers, in order. contact: the one that detects contacts."""
 
-    def __init__(self, contact: LiftObserver, *observers: LiftEvents | None) -> None:
-        self._contact = contact
-        self._observers = [observer for observer in observers if observer is not None]
+    def __init__(self, contact: LiftObserver, *observers: LiftEvents) -> None:
+        self._contact, self._observers = contact, observers
 
     def phase(self, phase: Phase, time_ns: int) -> None:
         for observer in self._observers:
@@ -124,13 +160,22 @@ LEAST_FRAMES, LEAST_SPAN_S = 30, 2.0
 """Fewest frames, and shortest time, from which a rate is computed."""
 
 
+class _StoppedClock(Clock):
+    def now_ns(self) -> int:
+        return 0
+
+
+NO_CLOCK = _StoppedClock()
+"""The clock as long as no bench is connected; it stands at 0."""
+
+
 class FrameDelays(LiftEvents):
     """Measures the delay of each frame by the bench's clock. It must be the last observer.
 
     Then a delay lasts from the capture of a frame until it has been recorded and estimated.
     """
 
-    def __init__(self, clock: Clock) -> None:
+    def __init__(self, clock: Clock = NO_CLOCK) -> None:
         self._clock = clock
         self._began_ns = clock.now_ns()
         self._phase = Phase.REFERENCE

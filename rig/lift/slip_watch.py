@@ -1,4 +1,4 @@
-"""Slip events that need a reaction, with thresholds from each fingertip's own noise at rest.
+"""Slip events that need a reaction, with thresholds from each fingertip's own noise at rest; reactions.
 
 In lifts without reactions, `rig.lift.onset.leaves_rest` raises a single event instead.
 """
@@ -8,23 +8,29 @@ from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from statistics import NormalDist
+from typing import Any
 
 import numpy as np
 
 from drivers.clock import NS_PER_S
 from drivers.errors import InputError
 from protocols.observer import ReactionStep
+from rig.lift.onset import departure_ns
+from rig.sessions.records import ReactionRecord, SlipThreshold
+from rig.tactile.angles import LONGEST_GAP_NS, Angles
 from rig.tactile.sample import SlipSample
 
 AGREES = 0.4
 """Every answering fingertip must show this fraction of a slip, because an object rotates under all of
 them."""
 GIVES_DEG = 0.3
-"""Largest rotation by which a holding gel yields under the weight; that is no slip (contract: 0.5 is)."""
+"""Largest rotation of a gel that holds and yields under the weight; that is no slip (contract: 0.5 is)."""
 DRIFTS_S = 5.0
 """Time constant with which the rest angle follows a drifting fingertip; no slip is that slow."""
 REST_NS = 100_000_000
 """A fingertip without rotation for this long is at rest."""
+TRUE_REST_NS = 100_000_000
+"""Length of the interval before a reaction over which the true angle at rest is averaged."""
 GROWTH_NS = 50_000_000
 """Interval over which the growth of the rate is measured."""
 LEAST_NOISE_DEG, LEAST_NOISE_DEG_S = 0.002, 0.02
@@ -59,7 +65,7 @@ class TipWatch:
     _seen: deque[tuple[int, float, float]] = field(default_factory=deque)
 
     @classmethod
-    def resting(cls, answers: Sequence[SlipSample], false_alarms_per_hour: float) -> "TipWatch | None":
+    def from_rest(cls, answers: Sequence[SlipSample], false_alarms_per_hour: float) -> "TipWatch | None":
         """Estimate thresholds from answers at rest; None if too few have a rate."""
         known = [
             (a.time_ns, a.angle_deg, a.rate_deg_s)
@@ -164,15 +170,17 @@ class SlipEvent:
     due_ns: int
 
 
-class SlipWatch:
-    """The slip events of the fingertips in one lift, and the reactions to them.
+Step = tuple[ReactionStep, int, int]
+"""A step of a reaction, its time in ns, and the position of the fingers."""
+LAST = (ReactionStep.REST, ReactionStep.ENDS)
 
-    `events` and `steps` are stored in the lift's row; steps: (step, time in ns, position of the fingers).
-    """
+
+class SlipWatch:
+    """The slip events of the fingertips in one lift, and the steps of the reactions to them."""
 
     def __init__(self, settings: SlipSettings) -> None:
         self.events: list[SlipEvent] = []
-        self.steps: list[tuple[ReactionStep, int, int]] = []
+        self.steps: list[Step] = []
         self._settings = settings
         self._tips: dict[str, TipWatch] = {}
         self._now_ns = 0
@@ -193,12 +201,24 @@ class SlipWatch:
     def begin(self, at_rest: Mapping[str, Sequence[SlipSample]]) -> None:
         """Learn each fingertip's noise from its answers at rest, just before the lift."""
         share = self._settings.false_alarms_per_hour / max(len(at_rest), 1)
-        watched = {serial: TipWatch.resting(answers, share) for serial, answers in at_rest.items()}
+        watched = {serial: TipWatch.from_rest(answers, share) for serial, answers in at_rest.items()}
         self._tips = {serial: tip for serial, tip in watched.items() if tip is not None}
 
-    def thresholds(self) -> dict[str, tuple[float, float]]:
-        """Return, by serial, the thresholds of angle since rest (deg) and rate (deg/s) of a slip."""
-        return {serial: (GIVES_DEG + tip.angle_deg, tip.rate_deg_s) for serial, tip in self._tips.items()}
+    def thresholds(self) -> dict[str, SlipThreshold]:
+        """Return the thresholds of a slip by serial."""
+        return {n: SlipThreshold(GIVES_DEG + tip.angle_deg, tip.rate_deg_s) for n, tip in self._tips.items()}
+
+    def records(self, truth: Angles, lift_ns: int) -> tuple[ReactionRecord, ...]:
+        """Return a record of each completed reaction. truth: since the zero. lift_ns: start of phase B."""
+        found: list[ReactionRecord] = []
+        steps: list[Step] = []
+        since_ns = lift_ns
+        for step in self.steps:
+            steps.append(step)
+            if step[0] in LAST:
+                found.append(_record(steps, self.events, truth, lift_ns, (since_ns, step[1])))
+                steps, since_ns = [], step[1]
+        return tuple(found)
 
     def update(self, serial: str, answer: SlipSample) -> None:
         self._now_ns = answer.time_ns
@@ -232,15 +252,15 @@ class SlipWatch:
         turned_deg, largest_deg = self._turned_deg + now_deg, max(self._largest_deg, abs(now_deg))
         return abs(turned_deg) + RESERVE * largest_deg > (self.max_turn_deg or CAUGHT_DEG)
 
-    def reacted(self, step: ReactionStep, time_ns: int, position: int) -> None:
+    def add_step(self, step: ReactionStep, time_ns: int, position: int) -> None:
         """Process a step of a reaction; after the last step the fingertips detect the next slip."""
         self.steps.append((step, time_ns, position))
-        if step in (ReactionStep.CLOSE, ReactionStep.REST, ReactionStep.ENDS):
+        if step in (ReactionStep.CLOSE, *LAST):
             self._count()
         if step is ReactionStep.CLOSED:
             stop_ns = next(t for s, t, _ in reversed(self.steps) if s is ReactionStep.STOP)
             self._closing_s = (time_ns - stop_ns) / NS_PER_S
-        if step in (ReactionStep.REST, ReactionStep.ENDS):
+        if step in LAST:
             self._pending, self._raised_ns, self._counted = None, None, False
             for tip in self._tips.values():
                 tip.rearm()
@@ -271,3 +291,36 @@ class SlipWatch:
             return 0.0, 0.0
         mean = sum(away * weight for away, weight in weighted) / sum(weight for _, weight in weighted)
         return mean, min(math.copysign(1.0, mean) * away for away, _ in weighted)
+
+
+def _record(
+    steps: Sequence[Step], events: Sequence[SlipEvent], truth: Angles, lift_ns: int, span: tuple[int, int]
+) -> ReactionRecord:
+    (_, command_ns, position), (last, end_ns, end_position) = steps[0], steps[-1]
+    event = next((event for event in events if span[0] <= event.due_ns <= span[1]), None)
+    times_ns = {
+        "onset": _onset_ns(truth, *span),
+        "event": None if event is None else event.raised_ns,
+        "command": command_ns,
+        "standstill": max(t for s, t, _ in steps if s in (ReactionStep.STANDS, ReactionStep.CLOSED)),
+        "rest": end_ns if last is ReactionStep.REST else None,
+    }
+    values: dict[str, Any] = {}
+    for name, time_ns in times_ns.items():
+        values[f"{name}_s"] = seconds_since(lift_ns, time_ns)
+        values[f"{name}_turn_deg"] = None if time_ns is None else truth.at_ns(time_ns)
+    serial = None if event is None else event.serial
+    return ReactionRecord(serial=serial, counts_added=end_position - position, **values)
+
+
+def _onset_ns(truth: Angles, since_ns: int, until_ns: int) -> int | None:
+    """Return when the object had rotated 0.5 degrees from its rest before, within a span."""
+    before = (truth.time_ns <= since_ns) & (truth.time_ns > since_ns - TRUE_REST_NS)
+    rest_deg = float(np.mean(truth.angle_deg[before])) if before.any() else 0.0
+    during = (truth.time_ns > since_ns) & (truth.time_ns <= until_ns + LONGEST_GAP_NS)
+    return departure_ns(truth.time_ns[during], truth.angle_deg[during], rest_deg)
+
+
+def seconds_since(start_ns: int, time_ns: int | None) -> float | None:
+    """Return the time from one time of a lift to another, s; None if the latter is None."""
+    return None if time_ns is None else (time_ns - start_ns) / NS_PER_S

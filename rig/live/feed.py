@@ -8,10 +8,11 @@ keeps the newest messages and drops the oldest.
 import json
 import os
 import socket
+import tempfile
 import threading
 from collections import deque
-from collections.abc import Iterable, Mapping
-from contextlib import suppress
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass
 from typing import Any
 
@@ -37,12 +38,12 @@ class Message:
     values: dict[str, Any]
     picture: bytes = b""
 
-    def packed(self) -> bytes:
+    def pack(self) -> bytes:
         """Return the datagram: a line of JSON, then the image's bytes."""
         return json.dumps({"kind": self.kind, **self.values}).encode() + b"\n" + self.picture
 
     @classmethod
-    def unpacked(cls, data: bytes) -> "Message":
+    def unpack(cls, data: bytes) -> "Message":
         """Return the message in a datagram. Raises `ValueError` for an invalid one."""
         line, _, picture = data.partition(b"\n")
         values = json.loads(line)
@@ -76,7 +77,7 @@ class Sender:
 
     def send(self, kind: str, values: Mapping[str, object], picture: bytes = b"") -> None:
         """Send a message, with an image only to listeners that show images; never blocks, never raises."""
-        data = Message(kind, dict(values), picture).packed()
+        data = Message(kind, dict(values), picture).pack()
         if len(data) > LARGEST_BYTES:
             self.lost += 1
             return
@@ -126,6 +127,14 @@ class Inbox:
     def _receive(self) -> None:
         while data := self._socket.recv(LARGEST_BYTES):
             try:
-                self._messages.append(Message.unpacked(data))
+                self._messages.append(Message.unpack(data))
             except ValueError:  # a datagram of another program
                 continue
+
+
+@contextmanager
+def open_inbox() -> Iterator[Inbox]:
+    """Yield an inbox at an address in a temporary folder."""
+    with tempfile.TemporaryDirectory(prefix="rig-live-") as folder:
+        with closing(Inbox(f"{folder}/inbox")) as inbox:
+            yield inbox

@@ -9,7 +9,7 @@ import numpy as np
 
 from drivers.clock import NS_PER_S, Clock, SystemClock
 from drivers.images import encode_jpeg
-from drivers.types import ArmState, Frame, Image
+from drivers.types import Frame, Image
 from protocols.observer import LiftEvents, Phase
 from rig.lift.measurement import LiftMeasurement
 from rig.live.feed import Listener, Sender
@@ -19,7 +19,7 @@ MOST_PER_S = 10.0
 """Images of one source, and sets of figures, per second of real time."""
 PICTURE_LONG_SIDE_PX = 320
 PICTURE_QUALITY = 80
-LIFT_KEYS = ("number", "attempt", "object", "name", "lift", "simulated")
+LIFT_KEYS = ("number", "object", "name", "lift")
 """Fields that identify the lift of a message."""
 RATE_FRAMES = 31
 """Number of frames for the computation of a source's rate: one second of the camera."""
@@ -92,30 +92,15 @@ class LiveObserver(LiftEvents):
         if frame.serial not in self._measurement.angle.tips:
             self._truth.append((frame.time_ns, self._measurement.truth.latest_angle_deg()))
         if self._sender.pictures and self._due(frame.serial):
-            self._show(frame)
+            values = {"serial": frame.serial, "time_ns": frame.time_ns}
+            self._send("frame", values, small_jpeg(frame.image)[0])
         if self._due("figures"):
             self._figures(frame.time_ns)
-
-    def arm(self, state: ArmState) -> None:
-        if self._sender.pictures and self._due("arm"):
-            pose = state.base_T_tcp
-            values = {"position_m": pose.position_m, "quaternion_xyzw": pose.quaternion_xyzw}
-            self._send("arm", {"time_ns": state.time_ns, **values})
 
     def close(self) -> None:
         """Send the last figures and close the socket."""
         self._figures(max((times[-1] for times in self._times.values()), default=0))
         self._sender.close()
-
-    def _show(self, frame: Frame) -> None:
-        jpeg, scale = small_jpeg(frame.image)
-        values: dict[str, object] = {"serial": frame.serial, "time_ns": frame.time_ns}
-        if frame.serial not in self._measurement.angle.tips:
-            values["source"] = "camera"
-            corners = self._measurement.truth.latest_corners_px()
-            # OpenCV's coordinates are 0 at the centre of the first pixel, a viewer's at its corner
-            values["markers_px"] = None if corners is None else ((corners + 0.5) * scale).round(2).tolist()
-        self._send("frame", values, jpeg)
 
     def _figures(self, time_ns: int) -> None:
         tips = self._measurement.angle.tips

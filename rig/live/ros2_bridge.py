@@ -24,7 +24,7 @@ from rosbags.typesys import Stores, get_typestore
 from drivers.clock import NS_PER_S, Clock
 from drivers.errors import InputError
 from drivers.images import with_jpeg
-from rig.live.desk import Reading
+from rig.live.desk_sensor import Reading
 from rig.live.feed import OBJECT
 
 DEPTH = 10

@@ -18,6 +18,8 @@ from rig.tactile.sample import NO_COLOUR, has_colour
 BACKGROUND_FRAMES = 15
 """Number of frames that are averaged for the background."""
 PRESS = "press an object on the gel"
+PRESS_BUTTON = "lift the object, press Take background"
+"""Remedy for a doubtful background on the page."""
 
 
 def _file(serial: str) -> Path:
@@ -47,14 +49,14 @@ def store_background(serial: str, image: Image) -> None:
 class SensorBackground:
     """The background of one sensor.
 
-    image: (H, W, 3) uint8 RGB, None until it is taken. origin: its origin, for the user. given: the image, or
-    None to take it from the first frames. serial: under which it is stored, None if it is not.
+    origin: for the user. given: the image, (H, W, 3) uint8 RGB, or None to take it from the first frames.
+    serial: under which it is stored, None if it is not. remedy: for a doubtful background, for the user.
     """
 
-    def __init__(self, given: Image | None, serial: str | None) -> None:
-        self.image: Image | None = None
+    def __init__(self, given: Image | None, serial: str | None, remedy: str = PRESS_BUTTON) -> None:
         self.origin = ""
-        self._serial = serial
+        self._image: Image | None = None
+        self._serial, self._remedy = serial, remedy
         self._stored = None if given is not None or serial is None else stored_background(serial)
         self._frames: list[Image] | None = [] if given is None else None
         self._check: BackgroundCheck | None = None
@@ -63,13 +65,14 @@ class SensorBackground:
             self._use(given, "the given image")
 
     @property
-    def collecting(self) -> bool:
-        return self._frames is not None
+    def image(self) -> Image | None:
+        """The background, (H, W, 3) uint8 RGB; None while it is taken."""
+        return None if self._frames is not None else self._image
 
     @property
     def doubt(self) -> str:
         """Why the background is doubtful, with the remedy; else an empty text."""
-        return "" if self._check is None else self._check.doubt_with("lift the object, press Take background")
+        return "" if self._check is None else self._check.doubt_with(self._remedy)
 
     @property
     def misfit(self) -> bool:
@@ -84,19 +87,19 @@ class SensorBackground:
         """Take the background from a frame, or check it with the frame; return the news for the user."""
         if self._frames is not None:
             self._frames.append(frame.image)
-            return self._taken(self._frames) if len(self._frames) >= BACKGROUND_FRAMES else ""
+            return self._take_from(self._frames) if len(self._frames) >= BACKGROUND_FRAMES else ""
         if self._check is not None:
             self._check.add(frame.image, frame.time_ns)
         doubted, self._doubted = self._doubted, bool(self.doubt)
         return self._reject() if self._doubted and not doubted else ""
 
-    def _taken(self, frames: list[Image]) -> str:
+    def _take_from(self, frames: list[Image]) -> str:
         """Use the mean of frames, or the stored background; return the news."""
         self._frames, stored = None, self._stored
         image, news = mean_background(frames), "background taken"
         if stored is not None and stored[0].shape == image.shape:
-            news = self._compared(*stored, image)
-            if self.image is stored[0]:
+            news = self._compare(*stored, image)
+            if self._image is stored[0]:
                 return news
         self._use(image, f"taken at {datetime.now():%H:%M:%S}")
         if not self._doubted and self._serial is not None:
@@ -107,7 +110,7 @@ class SensorBackground:
                 news += f" (not stored: {error})"
         return self._next(news, image)
 
-    def _compared(self, stored: Image, taken: datetime, now: Image) -> str:
+    def _compare(self, stored: Image, taken: datetime, now: Image) -> str:
         """Use a stored background unless the present gel shows that it is outdated; return the news."""
         change = gel_change(stored, now)
         name = f"background of serial {self._serial} from {taken:%Y-%m-%d %H:%M}"
@@ -122,7 +125,7 @@ class SensorBackground:
         )
 
     def _use(self, image: Image, origin: str) -> None:
-        self.image, self.origin = image, origin
+        self._image, self.origin = image, origin
         self._check = BackgroundCheck(image)
         self._doubted = bool(self.doubt)
 

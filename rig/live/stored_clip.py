@@ -1,4 +1,4 @@
-"""The history of a stored clip for the page of `rig live --page`, with the angles of `rig estimate`."""
+"""The history of a stored clip for the page of `rig show`, with the angles of `rig estimate`."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -10,7 +10,8 @@ from drivers.formats import number_in, read_csv_rows
 from rig.frames.estimates import EstimatedSeries
 from rig.lift.object_angle import object_angle
 from rig.live.clip_writer import MARKS
-from rig.live.desk import Reading, picture
+from rig.live.desk import picture
+from rig.live.desk_sensor import Reading
 from rig.live.feed import OBJECT, Message
 from rig.live.state import HISTORY_S, History
 from rig.tactile.contact.finder import ContactFinder

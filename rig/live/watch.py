@@ -1,6 +1,6 @@
-"""The page of `--watch` and of `rig live`. A separate process serves it, so that commands never wait.
+"""The page of `--watch`, `rig live` and `rig show`. A separate process serves it, so commands never wait.
 
-The page of `--watch` is read-only. The page of `rig live` also passes on the actions of its buttons.
+It is read-only, except that the page of `rig live` also passes on the actions of its buttons.
 """
 
 import json
@@ -53,7 +53,7 @@ class WatchPage:
     """Serves the page at `address` until it is closed. Lifts and poses send their messages to `listener`.
 
     at: host and port. title, what, done, total: see `Progress`. estimators: names to choose from on a page
-    with buttons, see `asked`; without them the page is read-only. history: of a stored clip. If other
+    with buttons, see `take_action`; without them the page is read-only. history: of a stored clip. If other
     computers can reach the page, `address` contains its key. Raises `InputError` for an address that cannot
     be served.
     """
@@ -96,7 +96,7 @@ class WatchPage:
         self._progress = progress
         self.process.send(json.dumps(asdict(progress)).encode())
 
-    def asked(self) -> str | None:
+    def take_action(self) -> str | None:
         """Return the action of a pressed button, None if there is none; never blocks. Raises `RigError`."""
         report = self.process.receive(0.0)
         return None if report in (None, LOOKING) else str(report, errors="replace")

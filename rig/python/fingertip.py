@@ -3,35 +3,55 @@
 import logging
 import threading
 from contextlib import ExitStack
-from itertools import islice
+from dataclasses import dataclass, replace
+from typing import Any
 
-from drivers.bench import Fingertip
 from drivers.clock import NS_PER_S, Clock
-from drivers.errors import DeviceError, DeviceTimeoutError, InputError, NotConnectedError, StaleFrameError
+from drivers.errors import (
+    DeviceError,
+    DeviceTimeoutError,
+    InputError,
+    NotConnectedError,
+    RigError,
+    StaleFrameError,
+)
 from drivers.tally import new_pictures
 from drivers.types import Frame
 from rig.bench.source import unconnected_bench
 from rig.config import load_bench
-from rig.frames.streaming import StreamingEstimator
-from rig.tactile.contact.background import mean_background
+from rig.live.desk_sensor import DeskSensor, Streams
+from rig.tactile.contact.background_check import TAKE_AGAIN
 from rig.tactile.estimators import DEFAULT_ESTIMATOR, choose_estimator
 from rig.tactile.sample import SlipSample, State
 
 _log = logging.getLogger(__name__)
-BACKGROUND_FRAMES = 10
-"""Number of new pictures after connecting whose mean is the background."""
-LATE_NS = NS_PER_S // 10
-"""Age of a frame from which on older frames in the queue are skipped."""
 FRAME_S, STOP_S = 2.0, 5.0
-"""Longest wait for a frame, and for a thread to end."""
+"""Longest wait for the first frames, and for the thread to end."""
+WAIT_S = 0.1
+"""Interval at which the thread checks whether it has to end."""
 
 
 NO_ANGLE = SlipSample(0, State.NO_CONTACT, slip=False)
-"""Before the first frame."""
+"""Before the first estimate."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Newest:
+    """The newest frame and angle. unread: whether `next` has not returned the frame yet.
+
+    failure: why there are no frames; None while they arrive.
+    """
+
+    frame: Frame | None = None
+    unread: bool = False
+    failure: RigError | None = None
+    angle: SlipSample = NO_ANGLE
 
 
 class LiveFingertip:
     """A live tactile sensor of a bench file; no other device of the bench is connected.
+
+    Each frame is estimated after it was read. If this takes too long, frames older than 0.3 s are skipped.
 
     bench: as for `--bench`. finger: name as in the bench file. estimator: a name; None for frames without
     angles. Raises `InputError` for an invalid bench, estimator or finger.
@@ -49,14 +69,10 @@ class LiveFingertip:
         self._finger = finger
         self._choice = None if estimator is None else choose_estimator(estimator, window=1)
         self._opened: ExitStack | None = None
-        self._changed = threading.Condition()
-        self._frame: Frame | None = None
-        self._unread = False
-        self._failure: DeviceError | None = None
-        self._angle = NO_ANGLE
+        self._changed, self._newest = threading.Condition(), _Newest()
 
     @property
-    def connected(self) -> bool:
+    def is_connected(self) -> bool:
         """Whether the sensor is connected."""
         return self._opened is not None
 
@@ -66,31 +82,35 @@ class LiveFingertip:
         Raises `DeviceError` if the sensor cannot be opened, sends no frames or has frozen, `EstimatorError`.
         """
         self.disconnect()
-        self._frame, self._unread, self._failure, self._angle = None, False, None, NO_ANGLE
+        self._newest = _Newest()
         with ExitStack() as stack:
             bench = stack.enter_context(unconnected_bench(self._bench))
             tip = next(tip for tip in bench.fingertips if tip.finger == self._finger)
             self._clock: Clock = bench.clock
+            sensor = None
+            if self._choice is not None:
+                self._choice.try_making()
+                sensor = DeskSensor(self.serial, self._choice, tip.sign, None, None, remedy=TAKE_AGAIN)
             stack.callback(tip.sensor.disconnect)
             tip.sensor.connect()
             tip.sensor.next_frame(FRAME_S)
-            first = islice(new_pictures(tip.sensor, FRAME_S, FRAME_S), BACKGROUND_FRAMES)
-            untouched = mean_background([frame.image for frame in first])
-            stopping = threading.Event()
-            work = [threading.Thread(target=self._read, args=(tip, stopping), daemon=True)]
-            if self._choice is not None:
-                self._choice.try_making()
-                estimator = self._choice.make(untouched, sign=tip.sign)
-                stream = StreamingEstimator(estimator, untouched.shape, tip.sign, each_contact=True)
-                stream.check_background(untouched)
-                work.append(threading.Thread(target=self._estimate, args=(stream, stopping), daemon=True))
-            for thread in work:
-                stack.callback(thread.join, STOP_S)
+            next(new_pictures(tip.sensor, FRAME_S, FRAME_S))  # fails if the sensor has frozen
+            streams, stopping = Streams([tip.sensor], self._clock), threading.Event()
+            thread = threading.Thread(target=self._work, args=(streams, sensor, stopping), daemon=True)
+            stack.callback(streams.close)
+            streams.start()
+            stack.callback(thread.join, STOP_S)
             stack.callback(stopping.set)
-            for thread in work:
-                thread.start()
+            thread.start()
             with self._changed:
-                self._changed.wait_for(lambda: self._frame is not None or self._failure is not None, FRAME_S)
+                self._changed.wait_for(
+                    lambda: (
+                        self._newest.failure
+                        or (self._newest.frame and (sensor is None or sensor.background.image is not None))
+                    )
+                )
+                if self._newest.failure is not None:
+                    raise self._newest.failure
             self._opened = stack.pop_all()
 
     def disconnect(self) -> None:
@@ -106,10 +126,11 @@ class LiveFingertip:
         """
         with self._changed:
             self._require_running()
-            if self._frame is None or self._clock.now_ns() - self._frame.time_ns > max_age_s * NS_PER_S:
+            frame = self._newest.frame
+            if frame is None or self._clock.now_ns() - frame.time_ns > max_age_s * NS_PER_S:
                 raise StaleFrameError(f"{self.serial}: no frame of the last {max_age_s:.3g} s")
-            self._unread = False
-            return self._frame
+            self._newest = replace(self._newest, unread=False)
+            return frame
 
     def next(self, timeout_s: float) -> Frame:
         """Return the newest frame that was not returned before; wait for one if necessary.
@@ -117,12 +138,12 @@ class LiveFingertip:
         Raises `DeviceTimeoutError` if no frame arrives within `timeout_s`.
         """
         with self._changed:
-            self._changed.wait_for(lambda: self._unread or self._failure is not None, timeout_s)
+            self._changed.wait_for(lambda: self._newest.unread or self._newest.failure, timeout_s)
             self._require_running()
-            if self._frame is None or not self._unread:
+            newest, self._newest = self._newest, replace(self._newest, unread=False)
+            if newest.frame is None or not newest.unread:
                 raise DeviceTimeoutError(f"{self.serial}: no new frame within {timeout_s:.3g} s")
-            self._unread = False
-            return self._frame
+            return newest.frame
 
     def angle(self) -> SlipSample:
         """Return the newest angle since the contact has settled, with the fingertip's sign applied.
@@ -131,43 +152,43 @@ class LiveFingertip:
         """
         with self._changed:
             self._require_running()
-            return self._angle
+            return self._newest.angle
 
     def _require_running(self) -> None:
-        """Raise `NotConnectedError` before `connect`, and the sensor's `DeviceError` after a failure."""
+        """Raise `NotConnectedError` before `connect`, and the failure while no frames arrive."""
         if self._opened is None:
             raise NotConnectedError(f"{self.serial}: read before connect; connect the fingertip first")
-        if self._failure is not None:
-            raise self._failure
+        if self._newest.failure is not None:
+            raise self._newest.failure
 
-    def _read(self, tip: Fingertip, stopping: threading.Event) -> None:
-        """Read frames until stopped or the sensor fails; if reading is late, skip queued frames."""
-        while not stopping.is_set():
-            try:
-                frame = tip.sensor.next_frame(FRAME_S)
-                if self._clock.now_ns() - frame.time_ns > LATE_NS:
-                    frame = tip.sensor.newest_frame(FRAME_S)
-            except DeviceError as error:
-                with self._changed:
-                    self._failure = error
-                    self._changed.notify_all()
-                return
-            with self._changed:
-                self._frame, self._unread = frame, True
-                self._changed.notify_all()
-
-    def _estimate(self, stream: StreamingEstimator, stopping: threading.Event) -> None:
-        """Estimate from the newest frame until stopped; frames are left out if the estimator is slower."""
-        done: Frame | None = None
-        while not stopping.is_set():
-            with self._changed:
-                self._changed.wait_for(lambda done=done: self._frame is not done, FRAME_S / 10)
-                frame = self._frame
-            if frame is None or frame is done:
+    def _work(self, streams: Streams, sensor: DeskSensor | None, stopping: threading.Event) -> None:
+        """Read frames, and estimate each, until stopped or the sensor fails; runs in a separate thread."""
+        while not stopping.is_set() and not streams.has_ended:
+            arrived = streams.next(WAIT_S)
+            if arrived is None:
                 continue
-            done = frame
-            sample = stream.update_at(frame.image, frame.time_ns)
-            if stream.news:
-                _log.warning("%s: %s", self.serial, stream.news)
-            with self._changed:
-                self._angle = sample
+            frame = arrived[1]
+            if isinstance(frame, DeviceError):
+                self._set(failure=frame)
+                continue
+            self._set(frame=frame, unread=True, failure=None)
+            if sensor is not None:
+                try:
+                    self._set(angle=self._estimate(sensor, frame))
+                except RigError as error:
+                    self._set(failure=error)
+                    return
+
+    def _estimate(self, sensor: DeskSensor, frame: Frame) -> SlipSample:
+        """Return the angle in a frame, and log news about background and sensor. Raises `RigError`."""
+        sample = sensor.take(frame, self._clock).sample or NO_ANGLE
+        if sensor.news:
+            doubtful = sensor.background.doubt or sample.state is State.FROZEN
+            _log.log(logging.WARNING if doubtful else logging.INFO, "%s: %s", self.serial, sensor.news)
+        return sample
+
+    def _set(self, **values: Any) -> None:
+        """Change the newest values, and wake up those that wait for them."""
+        with self._changed:
+            self._newest = replace(self._newest, **values)
+            self._changed.notify_all()

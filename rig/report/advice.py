@@ -6,7 +6,7 @@ from datetime import UTC, datetime
 
 import numpy as np
 
-from calibration.store import age_days, age_text
+from calibration.store import OLD_DAYS, age_days, age_text
 from calibration.verdict import Verdict
 from drivers.errors import counted, without_values
 from protocols.reaction import ReactionKind
@@ -24,7 +24,6 @@ MOST_DROPPED, MOST_UNSEEN = 0.001, 0.05
 BIG_TURN_DEG, FEW_BIG_TURNS = 5.0, 0.3
 MOST_BEYOND = 0.3
 """Accepted fraction of a lift's frames with an error beyond 2 sigma; the expected fraction is 5 %."""
-OLD_DAYS = 30.0
 NEEDED = ("camera", "hand-eye")
 """Calibrations that the marker angle depends on."""
 

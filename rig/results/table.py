@@ -1,4 +1,4 @@
-"""Write and read tables with a row per lift: of one session (`lifts.csv`) and of many (`results.csv`).
+"""Tables with a row per lift: of one session (`lifts.csv`) and of many (`results.csv`).
 
 `rig.sessions.records.Lift` declares the columns of a lift. A row is a dict by column, None if unknown.
 """
@@ -6,13 +6,12 @@
 from collections.abc import Iterable, Sequence
 from dataclasses import fields
 from math import isfinite
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
-from drivers.errors import FormatError, InputError
-from drivers.formats import reason, shown
+from drivers.errors import InputError
+from drivers.formats import shown
 from protocols.reaction import ReactionKind
 from rig.results.summary import TrialSummary, summarize_lifts
 from rig.sessions.codec import Codec
@@ -26,7 +25,7 @@ from rig.sessions.records import (
     lift_columns,
     lift_of_table,
 )
-from rig.sessions.table_files import Columns, Line, csv_bytes, has_parquet, read_csv, read_parquet
+from rig.sessions.table_files import Columns, Line, csv_bytes
 
 _OF_LIFT = {column.name: column for column in lift_columns()}
 _OF_SESSION: Columns = {
@@ -41,8 +40,6 @@ COLUMNS: Columns = {**_OF_SESSION, **{name: _KINDS[name] for name in _BEFORE}, *
 """Columns of tables of many lifts in order, with their types: `session` is its folder, `identical` whether a
 replay gave exactly the stored lift, for `difference_deg` see `Agreement`, `problem` why the lift, a part of
 it, or its session cannot be read."""
-NEEDED = ("session", "object", "accepted", "re_mean_deg")
-"""Columns that a results table must have."""
 ERRORS = ("re_b", "re", "re_held")
 """Errors of a lift: over phase B, over phases B and C, over both with refused frames held."""
 
@@ -194,40 +191,6 @@ def results_json(rows: Sequence[Line]) -> dict[str, object]:
         **next(iter(apart.values()), summarize_table(()).as_json()),
         **({"by_reaction": apart} if len(apart) > 1 else {}),
     }
-
-
-def read_results(path: Path) -> list[Line]:
-    """Read a results table, `.csv` or `.parquet`. path: the file, or the folder that holds it.
-
-    Raises `InputError` for another file, or for a table without the columns that a summary needs.
-    """
-    file = path
-    if path.is_dir():
-        names = ("results.parquet", "results.csv") if has_parquet() else ("results.csv",)
-        file = next((path / name for name in names if (path / name).exists()), path)
-        if file == path:
-            raise InputError(
-                f"{path}: has no results.csv or results.parquet; make one: rig replay SESSIONS... --out DIR"
-            )
-    try:
-        raw = read_parquet(file) if file.suffix == ".parquet" else read_csv(file, COLUMNS)
-    except FormatError:
-        raise
-    except (OSError, ValueError, MemoryError) as error:
-        raise InputError(f"{file}: cannot be read as a results table ({reason(error)})") from error
-    missing = [column for column in NEEDED if raw and column not in raw[0]]
-    if missing or not raw:
-        what = f"has no column {', '.join(missing)}" if missing else "has no rows"
-        raise InputError(
-            f"{file}: {what}; give the results.csv or results.parquet of `rig replay SESSIONS...`"
-        )
-    rows: list[Line] = []
-    for number, line in enumerate(raw, start=1):
-        try:
-            rows.append(REPLAYS.checked({column: line.get(column) for column in COLUMNS}))
-        except ValueError as error:
-            raise InputError(f"{file}: row {number}: {error}") from error
-    return rows
 
 
 def _error(row: Line, part: str) -> ErrorSummary | None:

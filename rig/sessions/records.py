@@ -28,7 +28,7 @@ from protocols.reaction import ReactionKind
 from rig.config.fields import FileName, InnerPath
 from rig.sessions.codec import Codec, strict
 from rig.tactile.angles import FUSED, MARKERS, Angles, Floats
-from rig.tactile.sample import EstimatorFaults
+from rig.tactile.sample import EstimatorFaults, SlipSample, State, faults_of
 
 
 class LiftOutcome(StrEnum):
@@ -197,23 +197,38 @@ def known(doc: str, tables: str = "", *shown: Shown, **default: Any) -> Any:
 
 def figure(
     doc: str,
+    of: Callable[[Any], object],
     tables: str = "",
     *shown: Shown,
     columns: Sequence[Column] = (),
     optional: bool = False,
     **default: Any,
 ) -> Any:
-    """Declare a measured value of a lift, once for the line of JSON, the tables, the report and CSV.
+    """Declare a measured value of a lift: its computation, the line of JSON, the tables, the report and CSV.
 
-    `rig.lift.result` computes it; lifts that ended in a fault do not have it. doc: its meaning; the suffix of
-    its name is its unit. tables: `IN_RESULTS`, `IN_CSV` or `IF_REACTING` for a column with the value, or with
-    each number of an `ErrorSummary`. shown: columns of the report. columns: columns that are computed from
-    the value. optional: whether the line leaves it out at its default. default: as for a dataclass field, by
-    default None.
+    Lifts that ended in a fault do not have it. doc: its meaning; the suffix of its name is its unit. of:
+    computes it from a `rig.lift.result.MeasuredLift`, which this package must not import. tables:
+    `IN_RESULTS`, `IN_CSV` or `IF_REACTING` for a column with the value, or with each number of an
+    `ErrorSummary`. shown: columns of the report. columns: columns that are computed from the value. optional:
+    whether the line leaves it out at its default. default: as for a dataclass field, by default None.
     """
     stored = {} if optional else {"stored": lambda lift: lift.accepted}
-    about = {"doc": doc, "tables": tables, "shown": shown, "columns": columns, "figure": True, **stored}
+    about = {"doc": doc, "tables": tables, "shown": shown, "columns": columns, "figure": of, **stored}
     return field(**(default or {"default": None}), metadata=about)
+
+
+def _tallies(measured: Any, key: str) -> dict[str, int]:
+    return {name: getattr(tally, key) for name, tally in measured.measurement.tallies.items()}
+
+
+def _count_states(samples: Iterable[SlipSample]) -> dict[str, int]:
+    counts = Counter(sample.state for sample in samples)
+    return {state.value: counts[state] for state in State if counts[state] or state is not State.FROZEN}
+
+
+def _percentile_95(values: Floats) -> float | None:
+    known = values[np.isfinite(values)]
+    return float(np.percentile(known, 95)) if known.size else None
 
 
 def _signed(value: float | None, digits: int, factor: float = 1.0) -> str:
@@ -278,74 +293,105 @@ class Lift:
         Shown(3, "grip", lambda of: str(of.grip_counts)),
     )  # fmt: skip
     lift_height_m: float = known("height of the lift", IN_CSV)
-    final_estimate_deg: float | None = figure("mean estimate over the last 0.3 s of phase C", IN_CSV)
+    final_estimate_deg: float | None = figure(
+        "mean estimate over the last 0.3 s of phase C", lambda m: m.final_deg(m.fused), IN_CSV
+    )
     final_truth_deg: float | None = figure(
-        "mean true angle over the last 0.3 s of phase C", IN_CSV,
+        "mean true angle over the last 0.3 s of phase C", lambda m: m.final_deg(m.truth), IN_CSV,
         Shown(6, "true turn, °", lambda of: _signed(of.final_truth_deg, 1)),
     )  # fmt: skip
-    onset_truth_s: float | None = figure("true onset of slip, since the start of phase B", IN_CSV)
+    onset_truth_s: float | None = figure(
+        "true onset of slip, since the start of phase B", lambda m: m.since_lift_s(m.onset_ns), IN_CSV
+    )
     onset_estimate_s: float | None = figure(
-        "onset found afterwards in the estimate", IN_CSV,
+        "onset found afterwards in the estimate", lambda m: m.since_lift_s(m.estimated_onset_ns), IN_CSV,
         Shown(8, "onset seen, ms later", lambda of: _signed(of.onset_delay_s, 0, 1e3)),
     )  # fmt: skip
-    onset_alarm_s: float | None = figure("onset reported during the lift", IN_RESULTS)
-    answered: float = figure(
-        "share of frames with an angle",
-        IN_CSV,
-        Shown(7, "answered", lambda of: f"{of.answered:.0%}"),
-        default=0.0,
+    onset_alarm_s: float | None = figure(
+        "onset reported during the lift", lambda m: m.since_lift_s(m.measurement.angle.alarm_ns), IN_RESULTS
     )
+    answered: float = figure(
+        "share of frames with an angle", lambda m: m.score.answered, IN_CSV,
+        Shown(7, "answered", lambda of: f"{of.answered:.0%}"), default=0.0,
+    )  # fmt: skip
     bench_s: float = known("duration by the bench's clock", IN_CSV)
     recording: InnerPath = known("recording in the session's folder", IN_CSV)
-    re_b: ErrorSummary | None = figure("absolute error over phase B", IN_CSV)
+    re_b: ErrorSummary | None = figure("absolute error over phase B", lambda m: m.score.re_b, IN_CSV)
     re: ErrorSummary | None = figure(
-        "absolute error over phases B and C; without an answer there is none", IN_CSV,
+        "absolute error over phases B and C; without an answer there is none", lambda m: m.score.re, IN_CSV,
         Shown(4, "mean error, °", lambda of: f"{of.re.mean_deg:.2f}" if of.re else "no answer", "least"),
         Shown(5, "largest, °", lambda of: f"{of.re.max_deg:.1f}" if of.re else ""),
     )  # fmt: skip
     re_held: ErrorSummary | None = figure(
-        "absolute error with refused frames held at the last answer", IN_CSV
+        "absolute error with refused frames held at the last answer", lambda m: m.score.re_held, IN_CSV
     )
     sigma_b_p95_deg: float | None = figure(
-        "95th percentile over phase B of the sigma of the estimate; without a sigma there is none", IN_CSV,
+        "95th percentile over phase B of the sigma of the estimate; without a sigma there is none",
+        lambda m: _percentile_95(m.in_b.sigma_deg), IN_CSV,
         Shown(9, "sigma, °", lambda of: "" if of.sigma_b_p95_deg is None else f"{of.sigma_b_p95_deg:.2f}"),
         optional=True,
     )  # fmt: skip
     react: ReactionKind = known("configured reaction to slip", IF_REACTING, default=ReactionKind.NONE)
     reactions: tuple[ReactionRecord, ...] | None = figure(
-        "reactions, only in lifts with reactions to slip", columns=_REACTIONS, optional=True
-    )
+        "reactions, only in lifts with reactions to slip", lambda m: m.reactions,
+        columns=_REACTIONS, optional=True,
+    )  # fmt: skip
     estimator_faults: EstimatorFaults | None = figure(
-        "failures of a user-defined estimator", columns=_WARNINGS, optional=True
-    )
+        "failures of a user-defined estimator", lambda m: faults_of(m.measurement.angle.samples),
+        columns=_WARNINGS, optional=True,
+    )  # fmt: skip
     speed_fraction: float | None = known(
         "position of the arm's speed slider, 0 to 1; None if unknown", IN_CSV, default=None
     )
     seed: int = known("seed of the plan and of a simulated lift")
     simulated: bool = known("whether the bench was simulated", IN_RESULTS)
     contact_area_px: dict[str, float] = figure(
-        "contact area at the end of phase A by serial", default_factory=dict
+        "contact area at the end of phase A by serial",
+        lambda m: {n: float(np.mean(px)) if px.size else 0.0 for n, px in m.rest_areas_px.items()},
+        default_factory=dict,
     )
     phases_s: Annotated[dict[str, Seconds], AfterValidator(_all_phases)] = figure(
-        "start of each phase by the bench's clock", default_factory=dict
+        "start of each phase by the bench's clock",
+        lambda m: {phase.value: time_ns / NS_PER_S for phase, time_ns in m.measurement.phases.items()},
+        default_factory=dict,
     )
-    frames: dict[str, int] = figure('frames by serial, "camera" for the camera', default_factory=dict)
-    dropped: dict[str, int] = figure("dropped frames, likewise", default_factory=dict)
-    states: dict[str, int] = figure("tactile frames by state", default_factory=dict)
-    skipped: dict[str, int] = figure("tactile frames by skipped stage", default_factory=dict)
+    frames: dict[str, int] = figure(
+        'frames by serial, "camera" for the camera', lambda m: _tallies(m, "frames"), default_factory=dict
+    )
+    dropped: dict[str, int] = figure(
+        "dropped frames, likewise", lambda m: _tallies(m, "dropped"), default_factory=dict
+    )
+    states: dict[str, int] = figure(
+        "tactile frames by state", lambda m: _count_states(m.measurement.angle.samples), default_factory=dict
+    )
+    skipped: dict[str, int] = figure(
+        "tactile frames by skipped stage",
+        lambda m: dict(Counter(stage for of in m.measurement.angle.samples for stage in of.skipped)),
+        default_factory=dict,
+    )
     disagreements: dict[str, int] = figure(
-        "tactile frames by kind of disagreement between the fingertips", default_factory=dict
+        "tactile frames by kind of disagreement between the fingertips", lambda m: m.disagreements,
+        default_factory=dict,
+    )  # fmt: skip
+    marker_distance: MarkerDistance | None = figure(
+        "only as a warning", lambda m: m.marker_distance, optional=True
     )
-    marker_distance: MarkerDistance | None = figure("only as a warning", optional=True)
-    turns_against: TurnsAgainst | None = figure("only as a warning", optional=True)
+    turns_against: TurnsAgainst | None = figure("only as a warning", lambda m: m.turns_against, optional=True)
     lag: ClockLag | None = figure(
         "delay of the estimate after the true angle; missing if it cannot be determined",
+        lambda m: m.lag,
         columns=(Column("lag_s", IN_CSV, float, lambda of: of.lag and of.lag.lag_s),),
         optional=True,
     )
-    jumped: dict[str, int] | None = figure("frames left out for an invalid time, by source", optional=True)
+    jumped: dict[str, int] | None = figure(
+        "frames left out for an invalid time, by source",
+        lambda m: {name: count for name, count in _tallies(m, "jumped").items() if count} or None,
+        optional=True,
+    )
     slip_thresholds: dict[str, SlipThreshold] | None = figure(
-        "by serial, with reactions to slip", optional=True
+        "by serial, with reactions to slip",
+        lambda m: m.measurement.watch and m.measurement.watch.thresholds(),
+        optional=True,
     )
     clock_rates: dict[str, float] | None = known(
         "speed of the time stamps of sources divided by that of the clock, by name; only warnings",

@@ -4,10 +4,8 @@ import csv
 import io
 from collections.abc import Iterable, Mapping
 from importlib.util import find_spec
-from pathlib import Path
 from typing import Any
 
-from drivers import formats
 from drivers.errors import InputError
 
 Columns = Mapping[str, type]
@@ -53,19 +51,6 @@ def unit_of(column: str) -> str | None:
     return next((unit for end, unit in UNITS.items() if column.endswith(end)), None)
 
 
-def read_csv(path: Path, columns: Columns) -> list[Line]:
-    """Read a CSV table; unknown columns are text. Raises `FormatError`, `ValueError`."""
-    return [
-        {name: _parsed(columns.get(name, str), text) for name, text in line.items()}
-        for _, line in formats.read_csv(path).rows()
-    ]
-
-
-def read_parquet(path: Path) -> list[Line]:
-    """Read a Parquet table. Raises `OSError`, `ValueError`, `InputError` as `parquet_bytes`."""
-    return pyarrow_modules()[1].read_table(path).to_pylist()
-
-
 def has_parquet() -> bool:
     return find_spec("pyarrow") is not None
 
@@ -80,12 +65,6 @@ def pyarrow_modules() -> tuple[Any, Any]:
             'Parquet needs pyarrow: pip install "visuotactile-slip-rig[export]", or use CSV'
         ) from error
     return pyarrow, pyarrow.parquet
-
-
-def _parsed(kind: type, text: str | None) -> object:
-    if not text:
-        return None
-    return text == "true" if kind is bool else kind(text)
 
 
 def _cell(value: object) -> object:

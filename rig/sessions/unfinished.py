@@ -122,7 +122,7 @@ def new_recording(folder: Path, recording: str) -> BackgroundFile:
 
 
 @contextmanager
-def completed(recorder: LiftRecorder, file: BackgroundFile) -> Iterator[None]:
+def complete_at_end(recorder: LiftRecorder, file: BackgroundFile) -> Iterator[None]:
     """Complete a recording when the lift ends; if an error ends it, keep the data recorded until then.
 
     Raises `RecordingError` if the recording cannot be written, unless another error is being raised.

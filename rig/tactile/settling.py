@@ -7,9 +7,11 @@ from drivers.clock import NS_PER_S, to_ns
 
 SETTLED_SHARE = 0.05
 """Largest relative change of a level that counts as no change."""
-SETTLED_FRAMES, SETTLED_S = 5, 0.15
+LEAST_FRAMES, SETTLED_S = 2, 0.15
 """Frames and time without change after which a contact has settled. Fingers that close step by step rest for
 a tenth of a second between two steps."""
+REFERENCE_FRAMES = 6
+"""Frames without change after which the estimators `ecc` and `kolamuri` no longer replace their reference."""
 NEW_GRASP_NS = NS_PER_S // 2
 """A contact after a longer time without contact is a new grasp; shorter gaps are failed detections."""
 
@@ -56,7 +58,7 @@ class Settling:
     def __init__(self) -> None:
         self.settled = False
         """Whether the contact has stopped growing."""
-        self._steadiness = Steadiness(SETTLED_FRAMES)
+        self._steadiness = Steadiness(LEAST_FRAMES)
         self._steady_ns = 0
 
     def update(self, levels: Levels, time_ns: int) -> bool:

@@ -30,22 +30,6 @@ MOST_DIFFERENCE = 1e-4
 """Largest accepted difference between the library's logits and those of its ONNX file."""
 
 
-def claim(out: Path, threads: int | None) -> None:
-    """Make an empty output folder and set torch's number of threads, None for its default.
-
-    Raises `InputError` if the folder is not empty or cannot be made.
-    """
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-        taken = any(out.iterdir())
-    except OSError as error:
-        raise InputError(f"{out}: cannot be written ({error.strerror}): give another --out") from error
-    if taken:
-        raise InputError(f"{out} is not empty: give another --out")
-    if threads is not None:
-        torch.set_num_threads(threads)
-
-
 def file_facts(path: Path) -> dict[str, str | int]:
     """Return name, size and hash of a file, as model cards list them."""
     data = path.read_bytes()

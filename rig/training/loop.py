@@ -20,58 +20,8 @@ from rig.tactile.contact.relative import RelativeDifference
 from rig.training.examples import Examples
 from rig.training.networks import Architecture, build_network, fill_encoder, read_checkpoint
 
-LARGEST_GRADIENT = 1.0
 Report = Callable[[str, float], None]
 """Takes the progress of a training: a description, and the finished share of what it describes."""
-
-
-def fit(
-    network: nn.Module,
-    epochs: int,
-    batch: int,
-    rate: float,
-    examples: int,
-    loss: Callable[[torch.Tensor], torch.Tensor],
-    error: Callable[[], float],
-    report: Report,
-    shown: str,
-) -> list[float]:
-    """Fit in place, restore the weights of the best epoch, and return the error of each epoch.
-
-    rate: peak of the one-cycle schedule (Smith 2018). examples: their number. loss: of the examples at some
-    indices. error: on the validation lifts, with the current weights. shown: the text that is reported after
-    an epoch, with places for `epoch`, its mean `loss`, and `error`.
-    """
-    steps = -(-examples // batch)
-    optimizer = torch.optim.AdamW(network.parameters(), lr=rate, weight_decay=0.01)
-    cycle = torch.optim.lr_scheduler.OneCycleLR(optimizer, rate, total_steps=epochs * steps)
-    best, errors = deepcopy(network.state_dict()), []
-    for epoch in range(1, epochs + 1):
-        network.train()
-        losses = []
-        for at in torch.randperm(examples).split(batch):
-            losses.append(_step(optimizer, loss(at), LARGEST_GRADIENT))
-            cycle.step()
-        network.eval()
-        errors.append(error())
-        if errors[-1] <= min(errors):
-            best = deepcopy(network.state_dict())
-        text = shown.format(epoch=f"epoch {epoch} of {epochs}", loss=float(np.mean(losses)), error=errors[-1])
-        report(text, epoch / epochs)
-    network.load_state_dict(best)
-    return errors
-
-
-def _step(optimizer: torch.optim.Optimizer, loss: torch.Tensor, largest: float | None = None) -> float:
-    """Take one step; return the loss. largest: limit of the norm of the gradient, None without."""
-    optimizer.zero_grad()
-    loss.backward()
-    if largest is not None:
-        nn.utils.clip_grad_norm_(optimizer.param_groups[0]["params"], largest)
-    optimizer.step()
-    return loss.item()
-
-
 Planes = NDArray[np.float32]
 
 SHADED_SHARE, PART_SHARE = 0.4, 0.35
@@ -91,7 +41,7 @@ class LabelledFrame:
     label: Image
 
 
-def augmented(sample: LabelledFrame, ghost: Image, varied: bool, rng: np.random.Generator) -> LabelledFrame:
+def augment(sample: LabelledFrame, ghost: Image, varied: bool, rng: np.random.Generator) -> LabelledFrame:
     """Return the sample under other light, noise, place and scale.
 
     ghost: another frame of the same unit, which may be blended faintly into the background, like the residual
@@ -109,17 +59,17 @@ def augmented(sample: LabelledFrame, ghost: Image, varied: bool, rng: np.random.
         frame, background = frame * shade[..., None], background * shade[..., None]
     if rng.random() < 0.25:
         background += np.float32(rng.uniform(0.05, 0.30)) * (ghost.astype(np.float32) - background)
-    frame, background = _relit(frame, background, rng)
+    frame, background = _relight(frame, background, rng)
     images, label = [_bytes(frame), _bytes(background)], sample.label
     if rng.random() < 0.6:
-        images, label = _moved(images, label, varied, rng)
+        images, label = _move(images, label, varied, rng)
     if rng.random() < 0.4:
         blur_px = float(rng.uniform(0.3, 1.5))
         images = [np.asarray(cv2.GaussianBlur(image, (0, 0), blur_px), np.uint8) for image in images]
     return LabelledFrame(images[0], images[1], label)
 
 
-def _relit(frame: Planes, background: Planes, rng: np.random.Generator) -> tuple[Planes, Planes]:
+def _relight(frame: Planes, background: Planes, rng: np.random.Generator) -> tuple[Planes, Planes]:
     """Drift between background and frame, another exposure of both, noise, and smooth patches of light."""
     both = np.exp(rng.normal(0.0, 0.2, 3)).astype(np.float32)
     drift = np.exp(rng.normal(0.0, 0.06, 3)).astype(np.float32)
@@ -133,7 +83,7 @@ def _relit(frame: Planes, background: Planes, rng: np.random.Generator) -> tuple
     return frame, background * both
 
 
-def _moved(
+def _move(
     images: list[Image], label: Image, parts: bool, rng: np.random.Generator
 ) -> tuple[list[Image], Image]:
     """Shift and scale all images alike, with reflected borders; if `parts`, enlarge some to a part."""
@@ -173,7 +123,7 @@ def training_batches(
         for place in order[start : start + count].tolist():
             first = place // GHOST_REACH * GHOST_REACH
             ghost = int(rng.integers(first, min(first + GHOST_REACH, len(examples))))
-            samples.append(augmented(_sample(examples, place), examples.frames[ghost], varied, rng))
+            samples.append(augment(_sample(examples, place), examples.frames[ghost], varied, rng))
         yield _batch(samples, inputs, size)
 
 
@@ -357,8 +307,11 @@ class Training:
         for planes, labels in batches:
             self._optimizer.param_groups[0]["lr"] = self._rate(steps)
             logits, labels = self._answer(self.network, planes), labels.to(self._device)
-            loss = focal_loss if self.architecture.family is not None else small_loss
-            losses.append(_step(self._optimizer, loss(logits, labels)))
+            loss = (small_loss if self.architecture.family is None else focal_loss)(logits, labels)
+            self._optimizer.zero_grad()
+            loss.backward()
+            self._optimizer.step()
+            losses.append(loss.item())
             self._average()
             progress(None, len(losses) / steps)
         return float(np.mean(losses))

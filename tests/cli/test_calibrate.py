@@ -20,13 +20,12 @@ from fakes.devices.camera import unit_seed
 from fakes.gel.sensor import GelSensor
 from fakes.world.fixture import tip_m
 from fakes.world.kinematics import TOOL_LENGTH_M
-from rig.benchmark.calibration.motion_scenes import general_scene, wiggle_scene
 from rig.calibrate.samples import pose_row
 from rig.config import load_bench
 from rig.config.write import write_bench
 from support.benches import lighter
 from support.command_line import rig
-from support.motions import pivot_scene
+from support.motions import general_scene, pivot_scene, wiggle_scene
 from support.simulated_gel import SimulatedGel
 
 pytestmark = pytest.mark.usefixtures("quick_figures")

@@ -17,7 +17,7 @@ from support.command_line import rig
 pytestmark = pytest.mark.usefixtures("quick_pages")
 ROOT = Path(__file__).resolve().parents[2]
 HEAVY = {
-    "cv2", "numpy", "scipy", "onnxruntime", "skimage", "rtde_control", "pymodbus", "mcap", "pyarrow", "rerun",
+    "cv2", "numpy", "scipy", "onnxruntime", "skimage", "rtde_control", "pymodbus", "mcap", "pyarrow",
     "distributed",
 }  # fmt: skip
 
@@ -149,7 +149,7 @@ def test_unknown_names_are_rejected_with_the_known_ones(tmp_path: Path) -> None:
         (("trial", "--bench", "nowhere.toml"), ("there is no such file", "rig bench new")),
         (("trial", "--bench", "nowhere"), ("fake",)),
         (("trial", "--object", "t1", "--object", "wrench"), ("twice",)),
-        (("benchmark", "faults", "--bench", "fake"), ("fakes that the benchmark starts itself",)),
+        (("benchmark", "safety", "--bench", "fake"), ("fakes that the benchmark starts itself",)),
     ):
         one_line(rig(*command, "--out", out), 2, *words)
     assert not out.exists()

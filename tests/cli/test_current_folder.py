@@ -22,7 +22,7 @@ from support.waiting import LIMIT_S
 ROOT = Path(__file__).parents[2]
 SHADOWED = (
     "threading", "multiprocessing", "socket", "json", "pickle", "tempfile", "signal", "random", "selectors",
-    "asyncio", "numpy", "cv2", "rerun", "rig", "drivers", "fakes", "protocols", "calibration",
+    "asyncio", "numpy", "cv2", "rig", "drivers", "fakes", "protocols", "calibration",
 )  # fmt: skip
 SHADOW = """
 open({log!r}, "a").write(__name__ + "\\n")
@@ -70,15 +70,11 @@ def test_list_of_sessions_in_several_processes(folder: Path) -> None:
 
 
 @pytest.mark.heavy
-def test_trial_in_several_processes_with_page_and_viewer(
-    folder: Path, light_bench_file: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    pytest.importorskip("rerun", reason="the live view's library is not installed: extra 'live'")
-    monkeypatch.setenv("DISPLAY", ":no-display")  # the viewer's process starts, without a window
+def test_trial_in_several_processes_with_page(folder: Path, light_bench_file: Path) -> None:
     out = folder.parent / "out"
     check(
         folder, "trial", "--lifts", 2, "--object", "toothbrush", "--jobs", 2, "--bench", light_bench_file,
-        "--estimator", "pca", "--out", out, "--no-report", "--watch", "--live",
+        "--estimator", "pca", "--out", out, "--no-report", "--watch",
     )  # fmt: skip
 
 
@@ -134,7 +130,6 @@ def test_every_process_is_started_without_the_current_folder() -> None:
     reasons = {
         "drivers/children.py": "the one place",
         "rig/experiments/process_pool.py": "forks, which imports nothing",
-        "rig/live/session.py": "looks for a program beside this Python",
     }
     starts = (
         "sys.executable",

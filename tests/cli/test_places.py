@@ -15,12 +15,10 @@ FILES = (
 FOLDERS = (
     ("replay", "s", "--out"), ("export", "s", "--to", "csv", "--out"), ("doctor", "--snapshot"),
     ("segment", "x.png", "--out"), ("label", "x.png", "--out"), ("train", "--out"),
-    ("train-angle", "toskov", "--out"), ("train-turning", "--out"), ("calibrate", "camera", "--out"),
-    ("calibrate", "tcp", "--out"),
+    ("calibrate", "camera", "--out"), ("calibrate", "tcp", "--out"),
     ("benchmark", "clips", "c", "--out"), ("benchmark", "estimators", "--out"),
-    ("benchmark", "calibration", "--out"), ("benchmark", "segmentation", "--out"),
-    ("benchmark", "trials", "--out"), ("benchmark", "wire", "--out"), ("benchmark", "safety", "--out"),
-    ("benchmark", "faults", "--out"),
+    ("benchmark", "segmentation", "--out"), ("benchmark", "trials", "--out"), ("benchmark", "wire", "--out"),
+    ("benchmark", "safety", "--out"), ("benchmark", "lifts", "--out"),
 )  # fmt: skip
 
 

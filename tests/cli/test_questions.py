@@ -20,7 +20,7 @@ IN_TRIAL = """if True:
     stop_on_signals()
     inbox = Inbox(tempfile.mktemp())
     sender = Sender([Listener(inbox.address, False)])
-    lift = {"number": 1, "attempt": 0, "object": "t1", "name": "wrench", "lift": 1, "sender": 7}
+    lift = {"number": 1, "object": "t1", "name": "wrench", "lift": 1, "sender": 7}
     sender.send("phase", {**lift, "phase": "A", "time_ns": 1})
     with TrialView(5, inbox, lambda row: "a lift") as view:
         view(1, 5, SimpleNamespace(number=9))

@@ -11,7 +11,7 @@ from support.marks import require_ur_rtde
 def unhurried_bench() -> BenchConfig:
     """The bench behind wires, made lighter.
 
-    How fast the computer is, is not tested: `rig benchmark wire` and `rig benchmark faults`
+    How fast the computer is, is not tested: `rig benchmark wire` and `rig benchmark safety`
     hold the whole bench to the limits.
     """
     require_ur_rtde()

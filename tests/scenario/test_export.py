@@ -33,11 +33,11 @@ from rig.sessions.files import TRUE_MASKS
 from rig.sessions.manifest import TrialManifest, read_manifest_of
 from rig.sessions.reading import recorded_angles, recorded_arm_states, recorded_frames
 from rig.sessions.rows import read_finished_lifts, read_poses
-from rig.sessions.table_files import read_csv
 from rig.tactile.angles import FUSED, MARKERS
 from rig.tactile.estimators import choose_estimator
 from support.benches import lighter, short_phases
 from support.recordings import written_again
+from support.tables import read_typed_csv
 
 
 @pytest.fixture(scope="module")
@@ -65,7 +65,7 @@ def test_csv_and_parquet_contain_the_same_tables(one_lift: Path, tmp_path: Path)
         table = parquet.read_table(tmp_path / "parquet" / f"{name}.parquet")
         kinds = {"string": str, "int64": int, "double": float, "bool": bool}
         columns = {column.name: kinds[str(column.type)] for column in table.schema}
-        assert read_csv(tmp_path / "csv" / f"{name}.csv", columns) == table.to_pylist()
+        assert read_typed_csv(tmp_path / "csv" / f"{name}.csv", columns) == table.to_pylist()
         units = {column.name: (column.metadata or {}).get(b"unit", b"").decode() for column in table.schema}
         for column, unit in (("t_lift_s", "s"), ("angle_deg", "deg"), ("force_x_n", "N"), ("x_m", "m")):
             assert units.get(column, unit) == unit
@@ -103,13 +103,13 @@ def test_coco_is_read_by_pycocotools_and_states_the_origin_of_its_masks(
     for session, least in ((one_lift, 15), (recording, 4)):
         out = tmp_path / session.name
         exported = export_session(session, "coco", out)
-        coco = coco_module.COCO(str(out / "annotations.json"))
+        coco = coco_module.COCO(str(out / "coco.json"))
         assert len(coco.getImgIds()) == exported.counts["images"] >= least
         assert "SIMULATED" in coco.dataset["info"]["description"]
         assert "proposed by image processing" in coco.dataset["info"]["description"]
         for annotation in coco.loadAnns(coco.getAnnIds()):
             image = coco.loadImgs(annotation["image_id"])[0]
-            picture = cv2.imread(str(out / "images" / image["file_name"]))
+            picture = cv2.imread(str(out / image["file_name"]))
             mask = coco.annToMask(annotation)
             assert mask.shape == picture.shape[:2] == (image["height"], image["width"])
             assert mask.sum() == pytest.approx(annotation["area"], rel=0.03)

@@ -19,7 +19,7 @@ from rig.experiments import lift_plan
 from rig.experiments.lift_attempt import attempt_lift
 from rig.experiments.lift_plan import LiftTask, TrialSettings, new_measurement, plan_lift
 from rig.lift.measurement import LiftMeasurement
-from rig.lift.result import lift_result
+from rig.lift.result import evaluate_lift
 from rig.sessions.reading import show_again
 from rig.sessions.records import LiftOutcome
 from rig.sessions.rows import read_finished_lifts
@@ -173,7 +173,7 @@ def test_frames_of_noise_give_no_answer(one_lift: Path, monkeypatch: pytest.Monk
 
     monkeypatch.setattr(LiftMeasurement, "frame", noisy)
     show_again(one_lift / "lifts" / "001.mcap", measurement)
-    row = lift_result(measurement, read_finished_lifts(one_lift)[0])
+    row = evaluate_lift(measurement, read_finished_lifts(one_lift)[0])
     assert row.answered == 0.0
     assert row.re is None
     assert row.final_estimate_deg is None

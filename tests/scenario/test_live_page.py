@@ -20,12 +20,11 @@ import numpy as np
 import pytest
 
 from drivers.images import encode_jpeg
-from rig.live.clip_writer import ClipWriter
 from rig.live.feed import Sender
 from rig.live.state import KEPT_PICTURE_BYTES, PICTURES_PER_S
 from rig.live.watch import WatchPage, watch_address
 from support.browser import FLAWS, NEEDS_CHROMIUM, SEEN, Browser
-from support.desk_frames import desk_frames
+from support.desk_frames import write_desk_clip
 from support.desk_streams import desk_streams
 from support.waiting import LIMIT_S, until
 
@@ -33,9 +32,9 @@ MEASURED_S = 5.0
 
 
 @contextmanager
-def live(folder: Path, *arguments: str) -> Iterator[tuple[str, int]]:
-    """Run `rig live`; yield its page's address and its process id."""
-    command = [sys.executable, "-P", "-m", "rig", "live", *arguments, "--no-browser"]
+def live(folder: Path, *arguments: str, name: str = "live") -> Iterator[tuple[str, int]]:
+    """Run `rig live`, or another command with a page; yield its page's address and its process id."""
+    command = [sys.executable, "-P", "-m", "rig", name, *arguments, "--no-browser"]
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, cwd=folder) as process:
         lines = iter(process.stderr.readline, "")
         try:
@@ -342,7 +341,7 @@ def test_history_is_scrubbed_events_lead_to_their_moment_and_live_goes_on(
     light(0)
     assert pressed_keys(shown, "ArrowRight", "ArrowRight") == pytest.approx(contact_s + 0.3, abs=1e-5)
     browser.key("m", "m")
-    until(lambda: shown.page.asked() == f"mark {contact_s + 0.3:.6f}", LIMIT_S)
+    until(lambda: shown.page.take_action() == f"mark {contact_s + 0.3:.6f}", LIMIT_S)
     shown.mark(contact_s + 0.3, "mark 1")
     until(lambda: browser.value("document.querySelector('#chart .mark') !== null"), LIMIT_S)
     assert seen("mark 1")
@@ -384,12 +383,8 @@ def test_moment_whose_image_is_not_kept_any_more_shows_none(shown: Shown) -> Non
 @NEEDS_CHROMIUM
 def test_stored_clip_is_shown_as_a_whole(tmp_path: Path, browser: Browser) -> None:
     clip = tmp_path / "clip"
-    frames = list(desk_frames(6.8))
-    writer = ClipWriter(clip, frames[0].image, {"sensor": "D1", "simulated": True})
-    for frame in frames:
-        writer.add(frame)
-    writer.close()
-    with live(tmp_path, str(clip), "--page", "--estimator", "ellipse") as (address, _):
+    write_desk_clip(clip, 6.8)
+    with live(tmp_path, str(clip), "--estimator", "ellipse", name="show") as (address, _):
         for width, scheme in ((390, "dark"), (1400, "light")):
             browser.open(address, width, scheme)
             until(lambda: browser.value("document.querySelector('#chart .estimate') !== null"), LIMIT_S)

@@ -1,4 +1,4 @@
-"""A lab's own estimator in lifts, replays, tables and benchmarks."""
+"""A lab's own estimator in lifts, replays, its own frames and labelled clips."""
 
 import csv
 import json
@@ -12,7 +12,7 @@ import pytest
 from numpy.typing import NDArray
 
 from drivers.errors import EstimatorError
-from rig.benchmark import renderer
+from rig.benchmark import lifts
 from rig.benchmark.clips import study as clips
 from rig.benchmark.estimators.contenders import score_lift
 from rig.benchmark.harness import Run
@@ -163,7 +163,7 @@ def test_own_estimator_answers_a_folder_of_frames(clip: Path) -> None:
     assert failing.returncode == 2
     assert "rig: done, but the estimator failed on 1 frame" in failing.stderr
     assert failing.stdout.count("\n") == done[0].stdout.count("\n")
-    live = rig("live", *frames, "--terminal", "--estimator", FAILING)
+    live = rig("live", "fake", "--terminal", "--seconds", "2", "--estimator", FAILING)
     assert live.returncode == 2
     assert "the estimator failed; the state is then 'lost'" in live.stderr
     assert 'line 53: raise ValueError("no gradient today"))' in live.stderr.splitlines()[-1]
@@ -187,7 +187,9 @@ def test_own_estimator_is_compared_on_a_session_and_by_the_second_renderer(
     done = rig("compare", "lab-pca", "pca", "--on", session, "--jobs", "1", "--json")
     assert done.returncode == 0, done.stderr
     assert json.loads(done.stdout)["lifts"] == 2
-    report = renderer.measure(renderer.RendererOptions([FAILING], lifts=1), Run(jobs=1))
+    report = lifts.measure(
+        lifts.LiftsOptions(lifts.DRAWN, seeds=1, lifts=1, estimator=[FAILING]), Run(jobs=1)
+    )
     assert report.faults[FAILING].frames > 2
     assert "no gradient today" in report.faults[FAILING].first
 

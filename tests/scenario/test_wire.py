@@ -9,7 +9,6 @@ from pathlib import Path
 
 import pytest
 
-from rig.benchmark.wire.faults import CASES, run_faults
 from rig.benchmark.wire.lift import WireLift, judge_wire, measure_wire
 from rig.config import BenchConfig
 from rig.sessions.manifest import TrialManifest, read_manifest_of
@@ -19,9 +18,6 @@ from support.command_line import rig
 from support.quick_lifts import STORED_TRIAL
 from support.slow_motion import IN_SLOW_MOTION, slow_down
 from support.waiting import LIMIT_S
-
-SOME = ("gripper: power lost", "fingertip: unplugged")
-"""`rig benchmark faults` runs all of them."""
 
 
 def test_wire_lift_measures_the_slip_and_loses_no_frame(
@@ -53,19 +49,6 @@ def test_wire_lift_is_compared_with_the_same_lift_in_process() -> None:
     for different in (turned, fallen, wrong):
         missed = [limit for limit in judge_wire(replace(same, row=different)) if not limit.met]
         assert len(missed) == 1
-
-
-@pytest.mark.heavy
-def test_faults_during_a_lift_are_detected_and_recovered_from(
-    tmp_path: Path, unhurried_bench: BenchConfig, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    slow_down(monkeypatch, "rig.benchmark.wire.campaign")
-    for phase in ("GRASP_S", "HOLD_S"):  # before a fault and after it: nothing happens there
-        monkeypatch.setattr(f"protocols.slip_trial.{phase}", 0.5)
-    cases = [case for case in CASES if case.name in SOME]
-    results = run_faults(tmp_path / "s", cases, bench=unhurried_bench)
-    assert [(row.case.name, row.passed) for row in results] == [(name, True) for name in SOME], results
-    assert len(read_finished_lifts(tmp_path / "s")) == len(SOME)
 
 
 @pytest.mark.heavy

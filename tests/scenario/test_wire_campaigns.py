@@ -1,4 +1,4 @@
-"""Parts of the benchmarks behind wires, in slow motion: `rig benchmark` `safety`, `endurance`.
+"""Parts of `rig benchmark safety`, in slow motion.
 
 Programs stopped on their way down: `test_bench_safety.py`.
 """
@@ -11,7 +11,6 @@ import pytest
 from drivers.children import python_command
 from rig.benchmark.harness import Run
 from rig.benchmark.wire.campaign import PlannedRun, Stage, start_trial
-from rig.benchmark.wire.endurance import WANDER_DEG, Minute, measure_endurance
 from rig.benchmark.wire.safety import BY_NAME, judge_runs, run_safety
 from rig.config import BenchConfig
 from support.slow_motion import IN_SLOW_MOTION, slow_down
@@ -29,10 +28,11 @@ def start_slow_trial(bench: Path, session: Path, object_id: str) -> "subprocess.
 
 def slow_command(flag: str, module: str, *arguments: object) -> list[str]:
     assert (flag, module) == ("-m", "rig")
-    return python_command("-c", f"{IN_SLOW_MOTION}from rig.cli.main import main; main()", *arguments)
+    short = "import protocols.slip_trial as lift; lift.GRASP_S = lift.HOLD_S = 0.5"  # nothing happens there
+    return python_command("-c", f"{IN_SLOW_MOTION}{short}; from rig.cli.main import main; main()", *arguments)
 
 
-def test_killed_lift_and_blocked_fingers_keep_every_limit(
+def test_killed_lift_lost_power_and_blocked_fingers_keep_every_limit(
     tmp_path: Path, unhurried_bench: BenchConfig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     slow_down(monkeypatch, "rig.benchmark.wire.campaign")
@@ -40,27 +40,11 @@ def test_killed_lift_and_blocked_fingers_keep_every_limit(
     monkeypatch.setattr("rig.benchmark.wire.safety.END_S", LIMIT_S)
     plan = [
         PlannedRun(1, BY_NAME["kill -9"], Stage.LIFT, 0.5),
-        PlannedRun(2, BY_NAME["fingers blocked"], Stage.HOLD, 0.2),
+        PlannedRun(2, BY_NAME["gripper without power"], Stage.LIFT, 0.4),
+        PlannedRun(3, BY_NAME["fingers blocked"], Stage.HOLD, 0.2),
     ]
     runs = run_safety(Run(folder=tmp_path / "s"), plan, unhurried_bench)
-    assert [(run.event, run.stage) for run in runs] == [("kill -9", "lift"), ("fingers blocked", "hold")]
+    assert [run.stage for run in runs] == [Stage.LIFT, Stage.LIFT, Stage.HOLD]
     missed = [limit for limit in judge_runs(runs) if limit.met is False]
     assert not missed, (missed, runs)
-    assert "the person at the bench did not agree" in runs[1].said
-
-
-def test_a_still_contact_keeps_its_angle_and_loses_no_frame(
-    unhurried_bench: BenchConfig, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    slow_down(monkeypatch, "rig.benchmark.wire.campaign")
-    seen: list[tuple[int, Minute]] = []
-    minutes = measure_endurance(2, lambda *minute: seen.append(minute), unhurried_bench, minute_s=3.0)
-    assert seen == list(enumerate(minutes, start=1))
-    rate_hz = sum(tactile.rate_hz for tactile in unhurried_bench.tactile) + unhurried_bench.camera.rate_hz
-    for minute in minutes:
-        assert minute.dropped == 0
-        assert minute.frames == pytest.approx(3.0 * rate_hz, rel=0.1)
-        assert minute.answered > 0.95
-        assert minute.wander_deg < WANDER_DEG
-    assert minutes[-1].threads == minutes[0].threads
-    assert minutes[-1].files == minutes[0].files
+    assert "the person at the bench did not agree" in runs[2].said

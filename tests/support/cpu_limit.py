@@ -35,11 +35,11 @@ def pytest_fixture_setup(
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_runtest_protocol(item: pytest.Item, nextitem: pytest.Item | None) -> bool | None:
-    """Fail a test that takes too long twice, unless all tests run, or it is end-to-end.
+    """Fail a test that takes too long twice, unless all tests run, or it is heavy or end-to-end.
 
     The first run in a process also makes everything that the process keeps: imports, tables and caches.
     """
-    if item.config.getoption("--all") or is_end_to_end(item):
+    if item.config.getoption("--all") or is_end_to_end(item) or item.get_closest_marker("heavy"):
         return None
     item.ihook.pytest_runtest_logstart(nodeid=item.nodeid, location=item.location)
     reports, took_s = _run(item, nextitem)

@@ -1,6 +1,8 @@
 """Frames of a simulated fingertip on a desk, drawn at chosen times, and a source of given frames."""
 
 from collections.abc import Iterator, Sequence
+from contextlib import closing
+from pathlib import Path
 
 import numpy as np
 
@@ -10,6 +12,7 @@ from drivers.images import with_jpeg
 from drivers.interfaces import FrameSource
 from drivers.types import Frame
 from fakes.devices.desk import Demonstration, DeskDigit
+from rig.live.clip_writer import ClipWriter
 
 RATE_HZ = 30.0
 
@@ -26,6 +29,16 @@ def desk_frames(until_s: float, side: int = 1, from_s: float = 2.0, every: int =
         time_ns = to_ns(from_s + number / RATE_HZ)
         image = digit.draw(time_ns, np.random.default_rng(number))
         yield with_jpeg(Frame(image, time_ns, number, digit.serial))
+
+
+def write_desk_clip(folder: Path, until_s: float, every: int = 1) -> list[Frame]:
+    """Write frames of `desk_frames` into a SIMULATED clip, with a mark 2 s after the first; return them."""
+    frames = list(desk_frames(until_s, every=every))
+    with closing(ClipWriter(folder, frames[0].image, {"sensor": "D1", "simulated": True})) as clip:
+        for frame in frames:
+            clip.add(frame)
+        clip.mark(frames[0].time_ns + to_ns(2.0), "mark 1")
+    return frames
 
 
 class GivenFrames(FrameSource):

@@ -25,6 +25,8 @@ class PlayedSensor:
     connected: bool = False
     clock: SystemClock = field(default_factory=SystemClock)
     ready: Callable[[], bool] = lambda: True
+    rate_hz: float = 60.0
+    waits: bool = False
 
     def connect(self) -> None:
         self.connected = True

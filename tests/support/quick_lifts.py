@@ -32,4 +32,4 @@ def quick_lifts(patch: pytest.MonkeyPatch, falling: Collection[str] = (), fault:
         return replace(lift, **{**figures, **ended})
 
     patch.setattr("rig.experiments.lift_attempt.run_lift", run)
-    patch.setattr("rig.experiments.lift_attempt.lift_result", result)
+    patch.setattr("rig.experiments.lift_attempt.evaluate_lift", result)

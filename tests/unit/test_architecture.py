@@ -5,6 +5,7 @@ import os
 import re
 import subprocess
 import sys
+import tomllib
 from importlib.metadata import files, version
 from pathlib import Path
 from types import SimpleNamespace
@@ -48,12 +49,19 @@ def test_rig_works_without_the_arm_library_and_pytest(tmp_path: Path) -> None:
         "sys.modules.update(dict.fromkeys(lacking));"
         "import rig.experiments.record, rig.experiments.replay, rig.experiments.trial, rig.cli.main;"
         "import rig.bench.source, rig.benchmark.estimators.study;"
-        "import rig.doctor.examination, rig.benchmark.wire.faults;"
+        "import rig.doctor.examination, rig.benchmark.wire.safety;"
         "from rig.bench.assembly import build_real_bench; from rig.config import load_bench;"
         f"print(build_real_bench(load_bench({str(real_bench_file(tmp_path))!r})).name)"
     )
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.stdout.splitlines()[:1] == ["my bench"], done.stderr
+
+
+def test_contract_forbids_imports_of_every_program_of_tools() -> None:
+    settings = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    contracts = settings["tool"]["importlinter"]["contracts"]
+    forbidden = next(of["forbidden_modules"] for of in contracts if of["name"].endswith("of tools"))
+    assert set(forbidden) == {path.stem for path in (ROOT / "tools").glob("*.py")}
 
 
 @pytest.mark.parametrize("package", PACKAGES)

@@ -5,8 +5,9 @@ equally difficult for an earlier estimator. Constants are fitted on the group `d
 estimator were also chosen by their figures on the group `validation`.
 """
 
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from functools import partial
 from operator import attrgetter
 from pathlib import Path
 from typing import Any
@@ -185,6 +186,41 @@ class JudgedLabel:
 
 
 @dataclass(frozen=True, slots=True)
+class Answers:
+    """The answers of an estimator on clips, for their figures. labels: at least one.
+
+    contact_ms: run time of each frame with contact. has_sigma: whether the estimator reports a sigma; without
+    it, figures that need one are None. contacts: for each frame of a contact span, whether it is in contact
+    and whether it was reported as contact. reference_ms: run time of the reference for each frame.
+    """
+
+    labels: tuple[JudgedLabel, ...]
+    contact_ms: tuple[float, ...]
+    has_sigma: bool
+    contacts: tuple[tuple[bool, bool], ...] = ()
+    reference_ms: tuple[float, ...] = ()
+
+    def share(
+        self, has: Callable[[JudgedLabel], bool], needs_sigma: bool = False, least_deg: float = 0.0
+    ) -> Share | None:
+        """Return the share of the labels from `least_deg` on that have a property."""
+        labels = [label for label in self.labels if abs(label.label.angle_deg) >= least_deg]
+        return share_of(map(has, labels)) if self.has_sigma or not needs_sigma else None
+
+    def error_deg(
+        self, average: Callable[[list[float]], Any], most_deg: float = float("inf")
+    ) -> float | None:
+        """Return the average error of the labels with an angle of at most `most_deg`."""
+        errors = [label.error_deg for label in self.labels if abs(label.label.angle_deg) <= most_deg]
+        return float(average(errors)) if errors else None
+
+    def reported_as_contact(self, touches: bool) -> float | None:
+        """Return the fraction of the frames with or without contact that were reported as contact."""
+        reported = [reported for touching, reported in self.contacts if touching is touches]
+        return sum(reported) / len(reported) if reported else None
+
+
+@dataclass(frozen=True, slots=True)
 class ClipScore:
     """Figures over labels; None if there is no value.
 
@@ -194,7 +230,6 @@ class ClipScore:
     """
 
     answered: Share | None
-    median_sigma_deg: float | None
     labels: int = column("labels", doc="frames with an angle measured by hand")
     within_3: Share | None = column(
         "within 3 deg", doc="share of the labels whose angle is off by at most 3 degrees"
@@ -233,59 +268,42 @@ class ClipScore:
         return None if self.frame_ms is None else self.frame_ms[-1]
 
 
-def score(
-    labels: Sequence[JudgedLabel],
-    contact_ms: Sequence[float],
-    has_sigma: bool,
-    contacts: Sequence[tuple[bool, bool]] = (),
-    reference_ms: Sequence[float] = (),
-) -> ClipScore:
-    """Summarize labels, at least one, and the run times of the frames with contact, ms.
+FIGURES: dict[str, Callable[[Answers], Any]] = {
+    "labels": lambda of: len(of.labels),
+    "answered": lambda of: of.share(lambda label: label.angle_deg is not None),
+    "within_3": lambda of: of.share(lambda label: label.within(CLOSE_DEG)),
+    "within": lambda of: of.share(lambda label: label.within(LABEL_SIGMAS * label.label.sigma_deg)),
+    "mean_small_deg": lambda of: of.error_deg(np.mean, SMALL_TURN_DEG),
+    "median_small_deg": lambda of: of.error_deg(np.median, SMALL_TURN_DEG),
+    "mean_deg": lambda of: of.error_deg(np.mean),
+    "median_deg": lambda of: of.error_deg(np.median),
+    "useful": lambda of: of.share(lambda label: label.useful, needs_sigma=True),
+    "two_sigma": lambda of: share_of(
+        off <= SIGMAS for label in of.labels if (off := label.sigmas_off) is not None
+    ),
+    "confidently_wrong": lambda of: of.share(lambda label: label.confidently_wrong, needs_sigma=True),
+    "false_rest": lambda of: of.share(lambda label: label.false_rest, True, TURNED_DEG),
+    "frame_ms": lambda of: frame_ms(of.contact_ms),
+    "times_reference": lambda of: times_reference(of.contact_ms, of.reference_ms),
+    "empty_as_contact": lambda of: of.reported_as_contact(False),
+    "held_as_contact": lambda of: of.reported_as_contact(True),
+}
+"""The computation of each figure of `ClipScore`."""
 
-    has_sigma: whether the estimator reports a sigma; without it, figures that need one are None. contacts:
-    for each frame of a contact span, whether it is in contact and whether it was reported as contact.
-    reference_ms: run times of the reference.
-    """
-    errors = np.array([label.error_deg for label in labels])
-    small = np.array([abs(label.label.angle_deg) <= SMALL_TURN_DEG for label in labels])
-    turned = [label for label in labels if abs(label.label.angle_deg) >= TURNED_DEG]
-    sigmas = [label.sigma_deg for label in labels if label.sigma_deg is not None]
-    off = [value for label in labels if (value := label.sigmas_off) is not None]
-    empty, held = ([reported for touches, reported in contacts if touches is of] for of in (False, True))
-    return ClipScore(
-        labels=len(labels),
-        answered=share_of([label.angle_deg is not None for label in labels]),
-        within_3=share_of([label.within(CLOSE_DEG) for label in labels]),
-        within=share_of([label.within(LABEL_SIGMAS * label.label.sigma_deg) for label in labels]),
-        mean_small_deg=float(errors[small].mean()) if small.any() else None,
-        median_small_deg=float(np.median(errors[small])) if small.any() else None,
-        mean_deg=float(errors.mean()),
-        median_deg=float(np.median(errors)),
-        useful=share_of([label.useful for label in labels]) if has_sigma else None,
-        two_sigma=share_of(value <= 2.0 for value in off),
-        confidently_wrong=share_of([label.confidently_wrong for label in labels]) if has_sigma else None,
-        false_rest=share_of(label.false_rest for label in turned) if has_sigma else None,
-        median_sigma_deg=float(np.median(sigmas)) if sigmas else None,
-        frame_ms=frame_ms(contact_ms),
-        times_reference=times_reference(contact_ms, reference_ms),
-        empty_as_contact=sum(empty) / len(empty) if empty else None,
-        held_as_contact=sum(held) / len(held) if held else None,
-    )
+
+def score(answers: Answers) -> ClipScore:
+    return ClipScore(**{name: compute(answers) for name, compute in FIGURES.items()})
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ClipRun:
     clip: LabelledClip
     estimate: Estimate  # angles relative to the clip's reference
-    labels: tuple[JudgedLabel, ...]  # labels with the angles at their frames
-    contact_ms: tuple[float, ...]  # run time of each frame with contact
-    has_sigma: bool
-    contacts: tuple[tuple[bool, bool], ...] = ()  # of each labelled frame: in contact, reported as contact
-    reference_ms: tuple[float, ...] = ()  # run time of the reference for each frame
+    answers: Answers
 
     @property
     def score(self) -> ClipScore:
-        return score(self.labels, self.contact_ms, self.has_sigma, self.contacts, self.reference_ms)
+        return score(self.answers)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -297,15 +315,15 @@ class EstimatorRuns:
     groups: Mapping[str, ClipScore]
 
     def of_version(self, version: ClipVersion) -> "EstimatorRuns":
-        return summed(self.name, [run for run in self.runs if run.clip.version is version])
+        return score_groups(self.name, [run for run in self.runs if run.clip.version is version])
 
     @property
     def faults(self) -> EstimatorFaults | None:
         return faults_of(sample for run in self.runs for sample in run.estimate.samples)
 
 
-def run_clip(clip: LabelledClip, choice: EstimatorChoice) -> ClipRun:
-    """Estimate the frames of a clip through the interface of `rig.estimator`."""
+def run_clip(clip: LabelledClip, choice: EstimatorChoice, reference_ms: tuple[float, ...] = ()) -> ClipRun:
+    """Estimate the frames of a clip through the interface of `rig.estimator`. reference_ms: see `Answers`."""
     raw = estimate_series(clip.series, Streamed(choice.make(clip.background), clip.background))
     estimate = zeroed(raw, raw.times[clip.reference_frame])
     samples, judged = estimate.samples, []
@@ -320,20 +338,23 @@ def run_clip(clip: LabelledClip, choice: EstimatorChoice) -> ClipRun:
         for sample in samples[span.first : span.last + 1]
     )
     has_sigma = any(sample.sigma_deg is not None for sample in samples)
-    return ClipRun(clip, estimate, tuple(judged), tuple(contact_ms(samples)), has_sigma, contacts)
+    answers = Answers(tuple(judged), tuple(contact_ms(samples)), has_sigma, contacts, reference_ms)
+    return ClipRun(clip, estimate, answers)
 
 
-def summed(name: str, runs: Sequence[ClipRun]) -> EstimatorRuns:
+def score_groups(name: str, runs: Sequence[ClipRun]) -> EstimatorRuns:
+    """Return the figures of an estimator over all its runs and by group of the clips."""
     groups = {}
     for group in (ALL, *sorted({run.clip.group for run in runs})):
-        of = [run for run in runs if group in (ALL, run.clip.group)]
-        groups[group] = score(
-            [label for run in of for label in run.labels],
-            [ms for run in of for ms in run.contact_ms],
-            any(run.has_sigma for run in of),
-            [contact for run in of for contact in run.contacts],
-            [ms for run in of for ms in run.reference_ms],
+        of = [run.answers for run in runs if group in (ALL, run.clip.group)]
+        joined = Answers(
+            tuple(label for each in of for label in each.labels),
+            tuple(ms for each in of for ms in each.contact_ms),
+            any(each.has_sigma for each in of),
+            tuple(contact for each in of for contact in each.contacts),
+            tuple(ms for each in of for ms in each.reference_ms),
         )
+        groups[group] = score(joined)
     return EstimatorRuns(name, tuple(runs), groups)
 
 
@@ -374,52 +395,58 @@ def measure(options: ClipsOptions, run: Run) -> Report:
     """
     cv2.setNumThreads(1)
     choices = [choose_estimator(name) for name in options.estimator or ESTIMATORS]
-    versions = chosen_versions(options.augment)
-    sign = -1 if options.reversed_turns else 1
-    folder = options.folder
+    clips = choose_clips(options, run.say)
+    # One worker, because the time per frame is measured.
+    measured = run.each(partial(measure_clip, choices), clips, attrgetter("name"), workers=1)
+    runs, interfaces = zip(*measured, strict=True)
+    of_estimators = zip(choices, zip(*runs, strict=True), strict=True)
+    return make_report(options, [score_groups(choice.name, of) for choice, of in of_estimators], interfaces)
+
+
+def choose_clips(options: ClipsOptions, say: Callable[[str], None]) -> list[LabelledClip]:
+    """Return the clips in all chosen versions. say: prints the source of a public set.
+
+    Raises `InputError` for a missing or damaged set, and for an unknown version or group.
+    """
+    versions, folder = chosen_versions(options.augment), options.folder
     if options.public_set is not None:
         known = find_set(options.public_set)
         folder = make_clips(known, options.folder)
-        run.say(
-            f"clips of {known.name} at {known.commit[:8]}: {folder}; licence of the frames: {known.licence}"
-        )
-    plain = read_clips(folder, options.groups, sign, options.topic)
-    clips = [clip_version(clip, version) for version in versions for clip in plain]
-    names = sorted({clip.group for clip in clips})
+        say(f"clips of {known.name} at {known.commit[:8]}: {folder}; licence of the frames: {known.licence}")
+    plain = read_clips(folder, options.groups, -1 if options.reversed_turns else 1, options.topic)
+    names = sorted({clip.group for clip in plain})
     if options.group is not None and options.group not in names:
         raise InputError(unknown_name("group", options.group, names))
+    return [clip_version(clip, version) for version in versions for clip in plain]
 
-    def runs_of(clip: LabelledClip) -> tuple[list[ClipRun], dict[str, list[float]]]:
-        reference = tuple(reference_ms(clip.series))
-        found = [replace(run_clip(clip, choice), reference_ms=reference) for choice in choices]
-        plain = clip.version is ClipVersion.PLAIN
-        return found, interface_ms(choices[0], clip.background, clip.series) if plain else {}
 
-    # One worker, because the time per frame is measured.
-    runs, interfaces = zip(*run.each(runs_of, clips, attrgetter("name"), workers=1), strict=True)
-    estimators = [
-        summed(choice.name, of) for choice, of in zip(choices, zip(*runs, strict=True), strict=True)
-    ]
-    limits = judge(estimators[0].groups[options.group or ALL], options)
-    first, overall = estimators[0], overall_table(estimators)
-    worst = sorted(first.runs, key=lambda run: -run.score.mean_deg)
-    rows = [
-        [Cell("clip", of.clip.name, "clip"), Cell("group", of.clip.group, "group"), Cell("score", of.score)]
-        for of in worst
-    ]
-    by_clip = table_of(f"'{first.name}' by clip, worst first", rows, left=2)
-    limits_of = f"'{first.name}', {options.group or 'all clips'}"
+def measure_clip(
+    choices: Sequence[EstimatorChoice], clip: LabelledClip
+) -> tuple[list[ClipRun], dict[str, list[float]]]:
+    """Run all estimators on a clip. Also return the times of the first by interface, if it is plain."""
+    reference = tuple(reference_ms(clip.series))
+    runs = [run_clip(clip, choice, reference) for choice in choices]
+    plain = clip.version is ClipVersion.PLAIN
+    return runs, interface_ms(choices[0], clip.background, clip.series) if plain else {}
+
+
+def make_report(
+    options: ClipsOptions, estimators: Sequence[EstimatorRuns], interfaces: Sequence[dict[str, list[float]]]
+) -> Report:
+    """Return tables, limits, section and page. interfaces: of each clip, times of the first estimator."""
+    first, overall, versions = estimators[0], overall_table(estimators), chosen_versions(options.augment)
     by_version = [overall_table(estimators, versions)] if len(versions) > 1 else []
-    by_interface = interface_table(first, interfaces)
+    by_interface, by_clip = interface_table(first, interfaces), clip_table(first)
+    limits = judge(first.groups[options.group or ALL], options)
+    limits_of = f"'{first.name}', {options.group or 'all clips'}"
     shown = [*([limit_table(limits, limits_of)] if limits else []), *by_version, overall, *by_interface]
-    labels = counted(first.groups[ALL].labels, "label")
-    clips = counted(len(first.runs), "clip")
+    labels, clips = counted(first.groups[ALL].labels, "label"), counted(len(first.runs), "clip")
     head = f"{clips}, {labels}, {processor_and_cores()}, one thread. Errors in degrees."
     tables = [by_version[0] if by_version else overall, *by_interface]
-    figure, file = time_and_error(estimators)
-    name = options.public_set or options.folder.name
     parts = [head, *(table.markdown() for table in tables), verdict(limits)]
     section = "\n\n".join(part for part in parts if part)
+    figure, file = time_and_error(estimators)
+    name = options.public_set or options.folder.name
     return Report(
         tables=(by_clip, overall, *by_version, *by_interface),
         limits=limits,
@@ -434,6 +461,14 @@ def measure(options: ClipsOptions, run: Run) -> Report:
         notes=[readme_row(find_set(options.public_set), first)] if options.public_set else (),
         faults={of.name: faults for of in estimators if (faults := of.faults)},
     )
+
+
+def clip_table(first: EstimatorRuns) -> Table:
+    rows = [
+        [Cell("clip", of.clip.name, "clip"), Cell("group", of.clip.group, "group"), Cell("score", of.score)]
+        for of in sorted(first.runs, key=lambda run: -run.score.mean_deg)
+    ]
+    return table_of(f"'{first.name}' by clip, worst first", rows, left=2)
 
 
 def judge(of: ClipScore, options: ClipsOptions) -> tuple[Measured, ...]:
@@ -489,7 +524,7 @@ def interface_table(first: EstimatorRuns, of_clips: Sequence[Mapping[str, Sequen
     """
     spent = {name: [ms for of in of_clips for ms in of.get(name, ())] for name in (ALONE, PYTHON, LIVE)}
     times = {name: ms for name, of in spent.items() if (ms := frame_ms(of)) is not None}
-    reference = [ms for run in first.runs for ms in run.reference_ms]
+    reference = [ms for run in first.runs for ms in run.answers.reference_ms]
     rows = [
         [
             Cell("interface", name, f"{first.name}, through"),
@@ -528,7 +563,7 @@ def _estimator_json(of: EstimatorRuns) -> dict[str, Any]:
                 "sigma_deg": of.sigma_deg,
                 "error_deg": of.error_deg,
             }
-            for of in run.labels
+            for of in run.answers.labels
         ]
         zero = run.estimate.zero_note
         return {"group": run.clip.group, "zero": zero, **asdict(run.score), "by_label": labels}
@@ -612,7 +647,7 @@ def draw_clip(figure: Figure, names: Sequence[str], runs: Sequence[ClipRun]) -> 
     """
     axes = figure.add_subplot()
     first = runs[0]
-    labelled = [judged.label for judged in first.labels]
+    labelled = [judged.label for judged in first.answers.labels]
     frames = np.array([label.frame for label in labelled])
     angles = np.array([label.angle_deg for label in labelled])
     errors = SIGMAS * np.array([label.sigma_deg for label in labelled])
@@ -623,7 +658,7 @@ def draw_clip(figure: Figure, names: Sequence[str], runs: Sequence[ClipRun]) -> 
     curves = [run.estimate.angles.angle_deg[shown] for run in runs]
     axes.set_xlim(shown[0] - 0.5, shown[-1] + 0.5)
     axes.set_ylim(limits(*curves, angles - errors, angles + errors, room=_ROOM, least=_LEAST_ROOM_DEG))
-    if first.has_sigma:
+    if first.answers.has_sigma:
         spread = SIGMAS * np.nan_to_num(first.estimate.angles.sigma_deg[shown])
         band(axes, shown, curves[0], spread, ESTIMATE.light)
     colours = (ESTIMATE, *SERIES)
@@ -640,7 +675,7 @@ def draw_clip(figure: Figure, names: Sequence[str], runs: Sequence[ClipRun]) -> 
 
 def _stills(run: ClipRun) -> list[Still]:
     captions = {run.clip.reference_frame: "reference"}
-    for judged in run.labels:
+    for judged in run.answers.labels:
         sigma = "" if judged.sigma_deg is None else f" ± {judged.sigma_deg:.1f}"
         answer = "refused" if judged.angle_deg is None else f"{judged.angle_deg:+.1f}{sigma}"
         label = f"{judged.label.angle_deg:+.1f} ± {judged.label.sigma_deg:.1f} measured"

@@ -1,1 +1,1 @@
-"""The real drivers over the wire protocols, in real time: a lift, faults, events at any moment, endurance."""
+"""The real drivers over the wire protocols, in real time: a lift, and events at any moment."""

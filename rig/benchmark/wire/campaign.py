@@ -91,15 +91,14 @@ class Event:
     signals: tuple[signal.Signals, ...] = ()  # to the program, in order
     faults: tuple[tuple[str, str, Mapping[str, Any]], ...] = ()  # (device, kind, arguments) in order
     disk_full: bool = False  # writing fails
-    named: str = ""  # a word that the outcome of the lift has to contain
-    mended_after: int = 1  # number of attempts that fail before a person mends it (a cable, a switch)
+    named: str = ""  # a word that the fault of the lift has to contain
 
 
 def fault(
-    name: str, device: str, kind: str, after: After = After.NOTICED, named: str = "", **of: Any
+    name: str, device: str, *kinds: str, after: After = After.NOTICED, named: str = "", **of: Any
 ) -> Event:
-    """Return an event of one device. of: arguments of the fault."""
-    return Event(name, after, faults=((device, kind, of),), named=named or device)
+    """Return an event of one device. kinds: its faults, in order. of: arguments of each fault."""
+    return Event(name, after, faults=tuple((device, kind, of) for kind in kinds), named=named or device)
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,7 +143,7 @@ class WireBench(StandingBench):
 
 
 @contextmanager
-def served(kind: Callable[[BenchConfig], Bench], bench: BenchConfig | None = None) -> Iterator[Bench]:
+def serve(kind: Callable[[BenchConfig], Bench], bench: BenchConfig | None = None) -> Iterator[Bench]:
     """Start the fakes of a bench, by default `wire`, and connect a bench of this kind to them."""
     with started_fakes(bench or load_bench("wire")) as config, closing(kind(config)) as benches:
         yield benches
@@ -202,7 +201,7 @@ def let_pass(call: Call, duration_s: float) -> None:
         time.sleep(POLL_S)
 
 
-def tried(do: Callable[[], Result], before_again: Callable[[], str]) -> Result:
+def retry(do: Callable[[], Result], before_again: Callable[[], str]) -> Result:
     """Return what `do` returns; repeat it if it raises `DeviceError`, as real-time runs do on a loaded host.
 
     before_again: puts the bench in order; it returns the reason if that is impossible, and nothing is
@@ -242,12 +241,12 @@ def read_track(call: Call, since_ns: int) -> list[TrueState]:
     ]
 
 
-def at(track: Sequence[TrueState], time_ns: int) -> TrueState:
+def state_at(track: Sequence[TrueState], time_ns: int) -> TrueState:
     return next((state for state in reversed(track) if state.time_ns <= time_ns), track[0])
 
 
 def standstill(track: Sequence[TrueState], event_ns: int) -> Standstill:
-    there = stood = at(track, event_ns)
+    there = stood = state_at(track, event_ns)
     for before, after in pairwise(track):
         if after.time_ns <= event_ns:
             continue
@@ -260,7 +259,7 @@ def standstill(track: Sequence[TrueState], event_ns: int) -> Standstill:
     return Standstill(max(stood.time_ns, event_ns), after_s, math.dist(there.tool_m, stood.tool_m))
 
 
-def dropped(track: Sequence[TrueState], grasp_m: float) -> bool:
+def was_dropped(track: Sequence[TrueState], grasp_m: float) -> bool:
     """Whether the object was released above its place, where the tool grasps it at a height of `grasp_m`."""
     return any(
         before.held and not after.held and before.tool_m[2] > grasp_m + ABOVE_M
@@ -268,7 +267,7 @@ def dropped(track: Sequence[TrueState], grasp_m: float) -> bool:
     )
 
 
-def carried(track: Sequence[TrueState], grasp_m: float, set_down: bool = False) -> bool:
+def was_carried(track: Sequence[TrueState], grasp_m: float, set_down: bool = False) -> bool:
     """Whether the tool rose with the object after it had set it down. set_down: whether that was before."""
     was_up = was_down = set_down
     for state in track:
@@ -284,20 +283,22 @@ def carried(track: Sequence[TrueState], grasp_m: float, set_down: bool = False) 
     return False
 
 
-def unasked(event: Event, stage: Stage, track: Sequence[TrueState], event_ns: int, grasp_m: float) -> str:
+def find_unasked_motion(
+    event: Event, stage: Stage, track: Sequence[TrueState], event_ns: int, grasp_m: float
+) -> str:
     """Return a motion after the standstill that was not allowed, in words; "" without one.
 
     stage: of the lift at the event. grasp_m: height of the tool that grasps. Below the approach height the
     tool may only move on one vertical line, and not below the grasp.
     """
     stop_ns = standstill(track, event_ns).time_ns
-    there, later = at(track, stop_ns), [s for s in track if s.time_ns > stop_ns]
+    there, later = state_at(track, stop_ns), [s for s in track if s.time_ns > stop_ns]
     way_m = max((math.dist(state.tool_m, there.tool_m) for state in later), default=0.0)
     arm_moved = f"the arm moved by {1e3 * way_m:.1f} mm" if way_m > MOVED_M else ""
     high = not there.held and there.tool_m[2] - grasp_m - REACH_M > BOUNDARY_M
     if arm_moved and (event.after is After.STAYS or (event.after is After.SAFE_END and high)):
         return arm_moved
-    if event.after is After.STAYS and (fingers_moved := _fingers_moved(event, track, stop_ns)):
+    if event.after is After.STAYS and (fingers_moved := _finger_motion(event, track, stop_ns)):
         return fingers_moved
     if event.after is After.SAFE_END and any(state.counts > there.counts + COUNTS for state in later):
         return "fingers closed"
@@ -307,16 +308,16 @@ def unasked(event: Event, stage: Stage, track: Sequence[TrueState], event_ns: in
             return "the arm moved sideways beside the object"
         if any(state.tool_m[2] < grasp_m - MOVED_M for state in low):
             return "the arm moved below the grasp"
-    return "the object was carried" if carried(track, grasp_m, set_down=stage is Stage.RELEASE) else ""
+    return "the object was carried" if was_carried(track, grasp_m, set_down=stage is Stage.RELEASE) else ""
 
 
-def _fingers_moved(event: Event, track: Sequence[TrueState], stop_ns: int) -> str:
+def _finger_motion(event: Event, track: Sequence[TrueState], stop_ns: int) -> str:
     """Return how far the fingers moved after they had first rested for `FINGERS_REST_S`, in words.
 
     Fingers on their way at the event go on to where they were sent. Those around something that they do not
     hold may open after a fault of the arm.
     """
-    rests = at(track, stop_ns)
+    rests = state_at(track, stop_ns)
     for state in track:
         if state.time_ns - max(rests.time_ns, stop_ns) > FINGERS_REST_S * NS_PER_S:
             break

@@ -19,7 +19,7 @@ from protocols.grasps import find_grasp_file
 from protocols.operator import Operator
 from rig.benchmark.harness import Report, Run, Study, column, table_of
 from rig.benchmark.measured import Measured, at_least, at_most
-from rig.benchmark.wire.campaign import WireBench, served
+from rig.benchmark.wire.campaign import WireBench, serve
 from rig.config import BenchConfig, load_bench
 from rig.declared import option
 from rig.experiments.lift_attempt import attempt_lift
@@ -132,7 +132,7 @@ def judge_wire(lift: WireLift) -> tuple[Measured, ...]:
 def measure_wire(folder: Path, object_id: str, seeds: int = 20, bench: BenchConfig | None = None) -> WireLift:
     """Do one lift over the wire protocols, stored in a folder, and the lifts of the seeds in this process."""
     choice = choose_estimator()
-    with served(_CountedBench, bench) as benches:
+    with serve(_CountedBench, bench) as benches:
         began = time.perf_counter()
         begin_phase("lifting over the wire in real time")
         run_trial(folder, TrialSettings(benches.config, 0, choice), [object_id], 1, benches=benches)

@@ -17,12 +17,9 @@ from drivers.types import Image
 from rig.tactile.contact.gate import Region, find_contact
 from rig.tactile.contact.relative import RelativeDifference, full_area, work_size
 from rig.tactile.sample import FreshFrameEstimator, SlipSample, State, Stopwatch
-from rig.tactile.settling import NEW_GRASP_NS, Steadiness
+from rig.tactile.settling import NEW_GRASP_NS, REFERENCE_FRAMES, Steadiness
 
 NOISE_BLUR_PX = 1.0
-# The reference is replaced until area and strength have stayed within SETTLED_SHARE for this number of
-# frames.
-SETTLED_FRAMES = 6
 # Smallest rotational contrast of a reference (see `_contrast`). Below this the contact is round and its
 # rotation unobservable: SIMULATED smooth balls reach 0.1, cans at least 0.3.
 LEAST_CONTRAST = 0.15
@@ -163,7 +160,7 @@ class EccEstimator(FreshFrameEstimator):
     def _release(self) -> None:
         self._match = Match(0.0, np.zeros(2))
         self._matcher: EccMatcher | None = None
-        self._steadiness = Steadiness(SETTLED_FRAMES, drifting=True)
+        self._steadiness = Steadiness(REFERENCE_FRAMES, drifting=True)
 
 
 def _magnitude(difference: NDArray[np.float32]) -> Energy:

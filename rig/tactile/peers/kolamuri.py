@@ -25,7 +25,7 @@ from rig.tactile.contact.dots import Points, find_dots, without_markers
 from rig.tactile.contact.finder import Contact, ContactFinder
 from rig.tactile.contact.relative import full_area
 from rig.tactile.sample import FreshFrameEstimator, SlipSample, State, Stopwatch, check_frame
-from rig.tactile.settling import NEW_GRASP_NS, Steadiness
+from rig.tactile.settling import NEW_GRASP_NS, REFERENCE_FRAMES, Steadiness
 
 # Search radius of a marker as a fraction of the distance to its nearest neighbour.
 STEP_SHARE = 0.45
@@ -150,8 +150,6 @@ def _check(before: Points, after: Points) -> None:
         raise InputError("points have values that are not finite: leave out points that were not found")
 
 
-# The reference is replaced until the area has stayed within SETTLED_SHARE for this number of frames.
-SETTLED_FRAMES = 6
 # Larger frames are reduced to this long side: this is many times faster, and the dots are found as
 # accurately.
 MOST_PX = 1024
@@ -244,7 +242,7 @@ class KolamuriEstimator(FreshFrameEstimator):
 
     def _release(self) -> None:
         self._rebase()
-        self._steadiness = Steadiness(SETTLED_FRAMES, drifting=True)
+        self._steadiness = Steadiness(REFERENCE_FRAMES, drifting=True)
 
 
 def _work_size(image: Image) -> tuple[int, int]:

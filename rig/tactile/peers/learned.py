@@ -66,7 +66,7 @@ class WrenchSteps:
 
 Memory = NDArray[np.float32]
 
-_HOW = "rig train-angle"
+_HOW = "python tools/train_angle.py"
 _LARGEST = 4096
 """Largest side of the memory, and of a network's image in px."""
 

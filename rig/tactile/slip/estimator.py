@@ -81,6 +81,7 @@ class SlipEstimator(FreshFrameEstimator):
         """Take a keyframe of the present contact at its angle, because older keyframes fit it less well."""
         if self._tracker.contact is not None:
             self._tracker.contact.keyring.ask()
+            self._report.gripped_further()
 
     def _estimate(self, image: Image, time_ns: int) -> SlipSample:
         watch = Stopwatch()
@@ -142,7 +143,7 @@ class SlipEstimator(FreshFrameEstimator):
             return sample
         if contact is not None and not contact.keyring.observable:
             return replace(sample, state=State.UNOBSERVABLE)
-        answer = self._report.answer(sample, tracked, contact)
+        answer = self._report.answer(sample, tracked, contact, region.mask)
         watch.lap("answer")
         return answer
 

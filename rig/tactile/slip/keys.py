@@ -83,6 +83,11 @@ class Keyring:
         """Whether no job is left, and no keyframe is asked for."""
         return self._job is None and not self._asked
 
+    @property
+    def has_work(self) -> bool:
+        """Whether a job is left."""
+        return self._job is not None
+
     def ask(self) -> None:
         """Make a keyframe of the next frame."""
         self._asked = True

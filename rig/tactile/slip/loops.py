@@ -318,22 +318,27 @@ def _renew(
 
 
 @compiled
-def _equations(
-    key: Values, work: _Work, k: int, channel: int, values: Values, count: int, renew: bool, pulls: Sums
-) -> float | np.float32:
-    """Compute pulls (P,) and the correlation with the template; robust weights and the matrix if `renew`.
-
-    Return the weight of the matrix.
-    """
-    weights, scratch = work.weights[k, channel], work.scratch[k, channel]
-    offset, energy = work.offsets[k, channel], work.sums[k, channel, 1]
-    components, size = 2 + channel, PARAMETERS - 3 * channel
+def _products(
+    key: Values, weights: Values, values: Values, components: int, count: int
+) -> tuple[np.float32, np.float32]:
+    """Return the weighted sums of values times template, and of squared values."""
     product, power = np.float32(0.0), np.float32(0.0)
     for c in range(components):
         for i in range(count):
             weighted = weights[i] * values[c, i]
             product += weighted * key[FIRST + c, i]
             power += weighted * values[c, i]
+    return product, power
+
+
+@compiled
+def _equations(
+    key: Values, work: _Work, k: int, channel: int, values: Values, count: int, renew: bool, pulls: Sums
+) -> float | np.float32:
+    """Compute pulls (P,), and robust weights and the matrix if `renew`; return the weight of the matrix."""
+    scratch, offset = work.scratch[k, channel], work.offsets[k, channel]
+    components, size, energy = 2 + channel, PARAMETERS - 3 * channel, work.sums[k, channel, 1]
+    product, power = _products(key, work.weights[k, channel], values, components, count)
     gain = 1.0
     if channel:
         gain = min(max(product / energy, LEAST_GAIN), MOST_GAIN)
@@ -348,7 +353,6 @@ def _equations(
             for i in range(count):
                 pull += scratch[row, i] * values[c, i]
         pulls[a] = share * (pull - gain * offset[a])
-    work.fits[k, channel] = product / math.sqrt(power * energy + 1e-30)
     return share * gain
 
 
@@ -438,13 +442,8 @@ def _sum_templates(keys: Keys, work: _Work, plan: Plan) -> None:
 
 
 @compiled
-def _step(
-    keys: Keys, frame: Planes, work: _Work, plan: Plan, pose: At, renew: bool, last: bool
-) -> tuple[float, float, float]:
-    """Return the step in angle and point from a pose, and compute how well each channel fits there.
-
-    renew: whether to compute robust weights and matrices. last: whether only the fits are needed.
-    """
+def _step(keys: Keys, frame: Planes, work: _Work, plan: Plan, pose: At, renew: bool) -> At:
+    """Return the step in angle and point from a pose. renew: whether to compute robust weights, matrices."""
     values, scaled, pulls = np.empty((3, MOST_POINTS), np.float32), np.zeros((6, 6)), np.zeros(6)
     normal, pulled = np.zeros((3, 3)), np.zeros(3)
     for k in keys.used:
@@ -456,8 +455,6 @@ def _step(
             share = _equations(key, work, k, channel, values, count, renew, pulls)
             matrix = work.matrices[k, channel]
             if channel == 0:
-                if last and plan.channels == 1:
-                    work.fits[k, 0] = _trimmed(key, work.scratch[k, 0, 0], values, count)
                 for a in range(PARAMETERS):
                     pulls[a] *= plan.slopes_share
                     for b in range(PARAMETERS):
@@ -471,6 +468,26 @@ def _step(
     turn = min(max(turn, -MOST_TURN_STEP_RAD), MOST_TURN_STEP_RAD)
     right = min(max(right, -MOST_STEP_PX), MOST_STEP_PX)
     return turn, right, min(max(down, -MOST_STEP_PX), MOST_STEP_PX)
+
+
+@compiled
+def _correlate(keys: Keys, frame: Planes, work: _Work, plan: Plan, pose: At) -> None:
+    """Compute the correlation of each channel with its templates at a pose, `work.fits`.
+
+    The slopes alone are correlated with the robust weights of the last step.
+    """
+    values = np.empty((3, MOST_POINTS), np.float32)
+    for k in keys.used:
+        place = _at(keys.facts[k], pose[0], pose[1], pose[2])
+        for channel in range(plan.channels):
+            key, count = keys.bank[k, channel], _count(keys.facts[k], channel, plan.part)
+            _read(keys, k, channel, frame, place, count, values)
+            if plan.channels == 1:
+                work.fits[k, channel] = _trimmed(key, work.scratch[k, channel, 0], values, count)
+                continue
+            weights, energy = work.weights[k, channel], work.sums[k, channel, 1]
+            product, power = _products(key, weights, values, 2 + channel, count)
+            work.fits[k, channel] = product / math.sqrt(power * energy + 1e-30)
 
 
 @compiled
@@ -513,11 +530,9 @@ def align(
     for s in range(len(starts)):
         angle, x, y = starts[s, 0], starts[s, 1], starts[s, 2]
         iteration, last, same, still = 0, plan.most == 0, False, False
-        while not same:
+        while not (same or last):
             renew = iteration == 0 or iteration == RENEWED_AFTER or still
-            turn, right, down = _step(keys, frame, work, plan, (angle, x, y), renew, last)
-            if last:
-                break
+            turn, right, down = _step(keys, frame, work, plan, (angle, x, y), renew)
             angle, x, y = angle + turn, x + right, y + down
             iteration += 1
             for end in starts[:s]:
@@ -527,6 +542,7 @@ def align(
         starts[s, 0], starts[s, 1], starts[s, 2] = angle, x, y
         if same:
             continue
+        _correlate(keys, frame, work, plan, (angle, x, y))
         judged = _judge(keys, frame, work, plan, (angle, x, y))
         if s == 0:
             first = judged.rank

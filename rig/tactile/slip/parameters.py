@@ -29,9 +29,9 @@ class Alignment:
 
     slopes_share: weight of the slopes beside the texture in the first reading. broad_share: part of the
     broad slopes that is subtracted. rest_share, noise_share: likelihood of points that rest with the gel,
-    and their noise, in squares of the template. good_score, most_loss, surprise_rad, check_frames: a better
+    and their noise, in squares of the template. good_score, most_loss, surprise_rad, check_s: a better
     pose is searched for if a fit is worse than this fraction of the usual score, loses more agreement of
-    the curvature, has turned by more since the last frame, or was not checked for this number of frames.
+    the curvature, has turned by more since the last frame, or was not checked for this time.
     score_of_loss: weight of the loss in the rank. aside_rad: distance of further starts. least_score,
     give_up_s: a joint fit below is none; the contact begins again after this time without one. network_s,
     look_s: period of the network, and of the texture while the slopes lead. steep_share: slopes above this
@@ -62,7 +62,7 @@ class Alignment:
     more_score: float
     most_prior: float
     count_power: float
-    check_frames: float
+    check_s: float
     iterations: float
     closing_rank: float
     closing_gain: float

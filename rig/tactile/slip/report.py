@@ -4,7 +4,9 @@ import math
 from dataclasses import replace
 
 from drivers.clock import NS_PER_S
+from drivers.types import Image
 from rig.tactile.sample import SlipSample, State
+from rig.tactile.slip.outline import Outline
 from rig.tactile.slip.parameters import ALIGNMENT, MOST_RATE_RAD_S, MOTION, SIGMA
 from rig.tactile.slip.tracker import Contact, Tracked
 
@@ -25,11 +27,12 @@ class Report:
     def __init__(self, px_per_work: tuple[float, float]) -> None:
         self._px_per_work = px_per_work
         self._fitted_ns = 0
-        self._settled = False
+        self._settled, self._outline = False, Outline()
         self.begin()
 
     def begin(self) -> None:
         """Forget all contacts."""
+        self._outline.forget()
         self.angle_rad: float | None = None
         self._variance = self._unseen = self._rate_rad_s = 0.0
         self._origin_px: complex | None = None
@@ -46,16 +49,28 @@ class Report:
             speed = abs(self._rate_rad_s) + 0.5 * MOTION.acceleration_rad_s2 * elapsed_s
             self._unseen = self._variance + min(speed * elapsed_s, ANY_TURN_RAD) ** 2
         self._rate_rad_s = 0.0
+        self._outline.forget()
 
-    def answer(self, sample: SlipSample, tracked: Tracked, contact: Contact | None) -> SlipSample:
-        """Return the sample with the angle, its rate and sigma. contact: None in its first frame."""
-        last, wanted = self.angle_rad, tracked.fit.angle_rad
+    def gripped_further(self) -> None:
+        """Note that the present contact has changed its shape without a rotation."""
+        self._outline.forget()
+
+    def answer(
+        self, sample: SlipSample, tracked: Tracked, contact: Contact | None, mask: Image
+    ) -> SlipSample:
+        """Return the sample with the angle, its rate and sigma.
+
+        contact: None in its first frame. mask: (h, w) uint8, 1 inside the contact region.
+        """
+        last, wanted, variance = self.angle_rad, tracked.fit.angle_rad, _variance(tracked)
+        if sample.settled is True:
+            wanted, variance = self._outline.correct(wanted, variance, mask)
         elapsed_s = (sample.time_ns - self._fitted_ns) / NS_PER_S
         most = MOST_RATE_RAD_S * elapsed_s
         angle = wanted if last is None else min(max(wanted, last - most), last + most)
         # While the angle follows at its limit, it is no zero.
         self._settled = sample.settled is True and (self._settled or angle == wanted)
-        variance = _variance(tracked) + (wanted - angle) ** 2 + self._unseen
+        variance += (wanted - angle) ** 2 + self._unseen
         if last is not None:
             slowly = variance + math.exp(-elapsed_s / SIGMA.pace_s) * (self._variance - variance)
             variance = max(variance, self._variance) if tracked.rekeyed else slowly

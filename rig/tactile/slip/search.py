@@ -29,17 +29,21 @@ BETTER = 0.02
 """Least rank that a further start must gain to be followed."""
 ASTRAY_PX = 2.0
 """A contact that has shifted otherwise than the tracked point by more, in one frame, is searched."""
-AFTER_LEADING = 4
-"""While the texture leads, the slopes are aligned alone in every fourth frame."""
+ALONE_S = 0.065
+"""While the texture leads, the slopes are aligned alone once in this time: in every fourth frame at 60 Hz."""
+USUAL_S = 0.08
+"""Time over which the usual score is averaged."""
 
 
 @dataclass(frozen=True, slots=True)
 class Since:
     """The motion since the last frame that was aligned, as far as it is known.
 
-    elapsed_s: time. shift_px: of the contact. settled: whether the contact has settled.
+    time_s: time of the frame. elapsed_s: time since the last one. shift_px: of the contact. settled: whether
+    the contact has settled.
     """
 
+    time_s: float
     elapsed_s: float
     shift_px: complex
     settled: bool
@@ -79,7 +83,8 @@ class Search:
         self._aligner = aligner
         self.readings = [Reading(share, pose) for share in (ALIGNMENT.slopes_share, *FURTHER_SHARES)]
         self.texture_leads, self.disagrees = False, False
-        self._led, self._checked, self._usual_score, self._looked_s = 0, 0, 1.0, time_s
+        self._usual_score = 1.0
+        self._alone_s = self._checked_s = self._looked_s = time_s
 
     @property
     def pose(self) -> Pose:
@@ -96,12 +101,12 @@ class Search:
         """
         aligner, first = self._aligner, self.readings[0]
         aligner.view(slopes, corner_px, first)
-        self._led = self._led + 1 if self.texture_leads else 0
-        alone = self._alone(since) if self._led % AFTER_LEADING == 0 and not since.is_gap else None
+        is_due = not self.texture_leads or since.time_s - self._alone_s >= ALONE_S
+        alone = self._alone(since) if is_due and not since.is_gap else None
         if alone is not None and not self.texture_leads:
-            if busy or seen.time_s - self._looked_s < ALIGNMENT.look_s:
+            if busy or since.time_s - self._looked_s < ALIGNMENT.look_s:
                 return Aligned(alone, False, alone, ())
-        self._looked_s = seen.time_s
+        self._looked_s = since.time_s
         texture = seen.texture(busy)
         aligner.view_texture(texture)
         joint = self._joint(since, busy or texture.heavy)
@@ -141,6 +146,7 @@ class Search:
 
     def _alone(self, since: Since) -> Fit | None:
         """Return the fit of the slopes alone; None if they do not explain the frame."""
+        self._alone_s = since.time_s
         alone = self._aligner.alone(self.pose)
         near = abs(alone.angle_rad - self.pose.angle_rad) < since.reach_rad
         least = ALIGNMENT.plain_fit if since.settled else ALIGNMENT.growing_fit
@@ -150,25 +156,25 @@ class Search:
         """Align both channels, and search for a better pose after a gap or if the fit is worse than usual."""
         aligner = self._aligner
         found = aligner.both([self.pose])
-        self._usual_score += 0.2 * (min(found.score, 1.5) - self._usual_score)
-        self._checked += 1
+        share = 1.0 - math.exp(-since.elapsed_s / USUAL_S)
+        self._usual_score += share * (min(found.score, 1.5) - self._usual_score)
         self.disagrees = found.loss >= ALIGNMENT.most_loss
         if not since.is_gap and (busy or not self._is_doubtful(found, since)):
             return found
-        self._checked = 0
+        self._checked_s = since.time_s
         best, first = aligner.coarse(self._starts(found, since))
         if best.rank < first + BETTER:
             return found
         return max(found, aligner.both([best.pose]), key=lambda fit: fit.rank)
 
     def _is_doubtful(self, found: Fit, since: Since) -> bool:
-        """Whether a fit is worse than usual, surprising, or has not been checked for some frames."""
+        """Whether a fit is worse than usual, surprising, or was not checked for some time."""
         return (
             found.score < ALIGNMENT.good_score * self._usual_score
             or abs(found.angle_rad - self.pose.angle_rad) > ALIGNMENT.surprise_rad
             or abs(found.pose.point_px - self.pose.point_px - since.shift_px) > ASTRAY_PX
             or self.disagrees
-            or self._checked >= ALIGNMENT.check_frames
+            or since.time_s - self._checked_s >= ALIGNMENT.check_s
         )
 
     def _starts(self, found: Fit, since: Since) -> list[Pose]:

@@ -4,6 +4,7 @@ No frame takes two long steps. These are: the texture of the first keyframe, its
 `rig.tactile.slip.keys`, the network, and a search.
 """
 
+import math
 from dataclasses import dataclass
 
 from rig.tactile.settling import Settling
@@ -15,8 +16,10 @@ from rig.tactile.slip.parameters import MOTION
 from rig.tactile.slip.search import Aligned, Search, Since
 from rig.tactile.slip.seen import Seen
 
-STEPPING_FRAMES = 2
-"""Frames after the keyframe of a settled contact in which the angle may still step: none is a zero."""
+UNHURRIED_S = 0.045
+"""Frames that are further apart leave time for all jobs of the keyframes at once."""
+STEPPING_S = 0.03
+"""Time after the keyframe of a settled contact in which the angle may still step: no frame is a zero."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,6 +84,8 @@ class Touch:
 
     def __init__(self, seen: Seen, pose: Pose) -> None:
         self.source, self.time_s, self.pose = seen.source(False), seen.time_s, pose
+        self.settling = Settling()
+        self.settling.update(seen.region.levels, seen.time_ns)
 
     @property
     def tracked(self) -> Tracked:
@@ -91,7 +96,8 @@ class Touch:
 class Contact:
     """One contact from its first keyframe on.
 
-    anchored_px: from the point that was tracked at first to the present one.
+    anchored_px: from the point that was tracked at first to the present one. settled: whether later angles
+    differ from the newest one by the measured rotation.
     """
 
     def __init__(
@@ -100,41 +106,40 @@ class Contact:
         pose = Pose(touch.pose.angle_rad, key.center_px)
         self.search = Search(aligner, pose, touch.time_s)
         self.keyring = Keyring(learn, aligner, self.search.readings, learnt, key, touch.time_s)
-        self._settling, self._settled_frames = Settling(), 0
+        self._settling, self._stepped_s, self.settled = touch.settling, math.inf, False
         self._middle_px, self.anchored_px = touch.pose.point_px, 0j
         self._rate_rad_s, self._time_s = 0.0, touch.time_s
         self._worst_loss = self._worst_spread_rad = 0.0
-
-    @property
-    def settled(self) -> bool:
-        """Whether later angles of this contact differ from the newest one by the measured rotation."""
-        return self._settled_frames > STEPPING_FRAMES
 
     def follow(self, seen: Seen, busy: bool) -> Tracked | None:
         """Return the fit of a frame; None if no keyframe fits. busy: whether a keyframe was made in it."""
         search, keyring = self.search, self.keyring
         middle, before, led = seen.middle_px, search.pose, search.texture_leads
         shift_px, self._middle_px = middle - self._middle_px, middle
-        added = self._work()
+        added = self._work(seen.time_s - self._time_s)
         if self._settling.update(seen.region.levels, seen.time_ns):
             self._settle()
         settled, elapsed_s = self._settling.settled, seen.time_s - self._time_s
         slopes, box = keyring.slopes(seen.difference, seen.region.mask)
-        since = Since(elapsed_s, shift_px, settled)
+        since = Since(seen.time_s, elapsed_s, shift_px, settled)
         aligned = search.align(seen, slopes, box[:2], since, busy or added is not None)
         fit = aligned.fit
         if abs(fit.angle_rad - before.angle_rad) > since.reach_rad:
             return None
         rekeyed = busy or bool(added) or led != search.texture_leads
         self._accept(aligned, seen.time_s)
-        self._settled_frames += settled and keyring.is_idle
+        if settled and keyring.is_idle:
+            self._stepped_s = min(self._stepped_s, seen.time_s)
+        self.settled |= seen.time_s - self._stepped_s >= STEPPING_S
         keyring.consider(seen, fit, aligned.looked, busy or added is not None, settled)
         return Tracked(fit, self._worst_loss, self._worst_spread_rad, rekeyed, self._rate_rad_s)
 
-    def _work(self) -> bool | None:
-        """Do the job that the keyframes have left; see `Keyring.work`."""
+    def _work(self, elapsed_s: float) -> bool | None:
+        """Do the job that the keyframes have left, or all if frames are far apart; see `Keyring.work`."""
         settling = self.keyring.settling
         added = self.keyring.work(self._settling.settled)
+        while elapsed_s > UNHURRIED_S and self.keyring.has_work:
+            added = bool(self.keyring.work(self._settling.settled)) or added
         if settling and added:
             self._worst_loss = self._worst_spread_rad = 0.0
         return added

@@ -1,8 +1,8 @@
 """Predict which texture of a contact rotates with the object, with a network, from one image.
 
 Lines, edges and marks of the object rotate; the rim of a bulge, specks of the gel and blocks of a codec do
-not. A small network, trained on simulated contacts (`rig train-turning`), separates them by their appearance,
-before any motion.
+not. A small network, trained on simulated contacts (`tools/train_turning.py`), separates them by their
+appearance, before any motion.
 """
 
 from functools import cache
@@ -23,7 +23,7 @@ from rig.tactile.slip.texture import FINENESS
 # Side of the squares that the network predicts, px, and the multiple of px that its input has as sides.
 SHARE_PX, MULTIPLE_PX = 2, 16
 SHIPPED = "turning.onnx"
-_HOW = "rig train-turning"
+_HOW = "python tools/train_turning.py"
 
 
 class TurningNetwork:

@@ -43,7 +43,7 @@ class Tactile(Camera):
     @property
     def is_connected(self) -> bool:
         """Whether the sensor is open."""
-        return self.fingertip.connected
+        return self.fingertip.is_connected
 
     @staticmethod
     def find_cameras() -> list[dict[str, Any]]:

@@ -13,7 +13,8 @@ from calibration.gel.gradient_map import GradientMap, fit_gradient_map
 from calibration.gel.reference import assess_reference, drift_since, make_reference
 from calibration.verdict import Verdict
 from drivers.errors import CalibrationError
-from rig.benchmark.calibration.study import gelsight_presses
+from drivers.formats import read_csv_rows
+from drivers.images import read_image
 from support.simulated_gel import MM_PER_PX, MadePress, SimulatedGel
 
 GEL = SimulatedGel(seed=3)
@@ -167,7 +168,14 @@ def test_scales_along_x_and_y_are_distinguished() -> None:
 
 @pytest.mark.heavy
 def test_held_out_real_gelsight_balls_are_reconstructed_within_five_percent(real_data: Path) -> None:
-    presses = gelsight_presses(real_data / "gelsight_ball")
+    folder = real_data / "gelsight_ball"
+    reference = read_image(folder / "background.png").astype(np.float32)
+    presses = []
+    for _, row in read_csv_rows(folder / "catalog.csv", ("image", "diameter(mm)")):
+        radius_mm = float(row["diameter(mm)"]) / 2.0
+        found = find_press(read_image(folder / row["image"]), reference, row["image"], radius_mm)
+        assert isinstance(found, Press), found
+        presses.append(found)
     assert len(presses) == 67
     result = calibrate_gel(presses[::2], (0.0634, 0.0634), folds=4)  # half of them, for the time
     assert set(result.radius_error()) == {3.155, 4.75}

@@ -25,7 +25,7 @@ from calibration.targets.aruco import (
 )
 from calibration.verdict import Verdict
 from drivers.errors import CalibrationError, InputError
-from fakes.studio.calibration_scenes import MarkerPictures
+from support.marker_pictures import MarkerPictures
 from support.marks import heavy
 
 Image = NDArray[Any]

@@ -15,8 +15,8 @@ from scipy.spatial.transform import Rotation
 from calibration.time_offset import TimedSignal, TimeOffset, make_stream, time_offset, turning_rate
 from calibration.verdict import Verdict
 from drivers.errors import CalibrationError
-from rig.benchmark.calibration.motion_scenes import wiggle_scene
 from support.marks import heavy
+from support.motions import wiggle_scene
 
 Array = np.ndarray
 Scene = tuple[TimedSignal, TimedSignal]
@@ -264,3 +264,31 @@ def test_irregular_motion_is_accepted(seed: int, offset_s: float, noise: float, 
     found = offset_of(lambda t: np.interp(t, tops_s, heights), offset_s, noise, rate_hz)
     assert found.assessment.verdict is Verdict.GOOD
     assert found.offset_s == pytest.approx(offset_s, abs=max(5 * (found.sigma_s or 0.0), 1e-3))
+
+
+@pytest.mark.parametrize("size", [2, 5])
+def test_offset_of_bursts_with_one_time_is_correct(size: int) -> None:
+    first, second = wiggle_scene(np.random.default_rng(4), offset_s=OFFSET_S)
+    count = len(first.values) // size * size
+    times = np.repeat(first.time_ns[size - 1 : count : size], size)
+    read = make_stream(times, first.values[:count], "robot")
+    found = time_offset(read, second)
+    assert read.resolution_s == pytest.approx(size * np.median(np.diff(first.time_ns)) / 1e9)
+    assert found.sigma_s > read.resolution_s / 4.0
+    assert found.offset_s == pytest.approx(OFFSET_S, abs=2e-3)
+
+
+def test_offset_from_coarse_times_is_refused_with_the_reason() -> None:
+    first, second = wiggle_scene(np.random.default_rng(4), offset_s=OFFSET_S)
+    tenths = make_stream(second.time_ns // 10**8 * 10**8, second.values, "camera")
+    found = time_offset(first, tenths)
+    assert found.offset_s is None
+    assert "several samples share one time" in found.assessment.refusals[0]
+
+
+def test_irregular_bursts_are_refused() -> None:
+    rng = np.random.default_rng(5)
+    sizes = rng.choice([1, 12], 60)
+    times = np.repeat(np.arange(60) * 10**8, sizes)
+    with pytest.raises(CalibrationError, match="irregularly: record the time of each sample"):
+        make_stream(times, rng.normal(size=len(times)), "camera")

@@ -1,8 +1,10 @@
 """Links, places and facts in README and docs, and the workflows for code hosts."""
 
 import re
+import shlex
 import subprocess
 from dataclasses import fields
+from importlib import import_module
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -13,12 +15,13 @@ import rig.sessions.about
 import rig.sessions.recorder
 from rig.benchmark.clips.public import SETS
 from rig.benchmark.harness import markers
+from rig.benchmark.wire.safety import EVENTS
 from rig.results.limits import LIFT_FIGURES, SESSION_FIGURES
 from rig.results.table import ERRORS
 from rig.sessions.records import IF_REACTING, IN_CSV, Lift, LiftOutcome, lift_columns
 from rig.sessions.table_files import unit_of
 from rig.tactile.slip.compiling import COMPILING_S
-from support.documentation import PAGES, ROOT, parse, without_code
+from support.documentation import PAGES, ROOT, parse, script, without_code
 
 LINK = re.compile(r"!?\[[^\]]*\]\(([^)\s]+)\)")
 DOCS, CONTRIBUTING = ROOT / "docs", ROOT / "CONTRIBUTING.md"
@@ -84,18 +87,34 @@ def test_files_named_in_pages_exist_and_contain_the_names_given_with_them() -> N
             )
 
 
-def test_index_links_every_page() -> None:
-    named = {Path(target).name for target in targets(DOCS / "index.md")}
-    assert named == {page.name for page in DOCS.glob("*.md")} - {"index.md"}
+def test_lines_that_run_a_program_of_tools_parse() -> None:
+    pages = (*PAGES, ROOT / "rig" / "models" / "README.md", *(ROOT / "tools").glob("*.py"))
+    lines = [
+        line
+        for page in pages
+        for line in re.findall(
+            r"python tools/(\w+)\.py ([^`\n]*--out \S+?)(?=[`\s])", page.read_text("utf-8")
+        )
+    ]
+    assert len(lines) >= 12
+    for program, arguments in lines:
+        import_module(program).options_parser().parse_args(shlex.split(arguments))
 
 
-def test_docs_have_at_most_25_pages() -> None:
-    assert len(list(DOCS.glob("*.md"))) <= 25, "write a section of an existing page"
+def test_index_links_every_page_of_at_most_25() -> None:
+    pages = {page.name for page in DOCS.glob("*.md")} - {"index.md"}
+    assert {Path(target).name for target in targets(DOCS / "index.md")} == pages
+    assert len(pages) <= 25, "write a section of an existing page"
+
+
+def test_page_of_constants_is_generated_from_the_source() -> None:
+    generator = script("list_constants")
+    assert generator.PAGE.read_text(encoding="utf-8") == generator.make_page(), "run docs/list_constants.py"
 
 
 def test_figures_in_readme_match_the_tables() -> None:
     readme = (ROOT / "README.md").read_text(encoding="utf-8")
-    page = (ROOT / "docs" / "measurements.md").read_text(encoding="utf-8")
+    page = (DOCS / "measurements.md").read_text(encoding="utf-8")
     rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in page.splitlines()]
     lifts = next(row for row in rows if row[0] == "slip" and row[1] == "-")
     assert f"MARE {lifts[4].split()[0]} degrees" in readme
@@ -110,6 +129,14 @@ def test_figures_in_readme_match_the_tables() -> None:
         assert f"| {of.data} | {'; '.join(shares)} |" in readme
 
 
+def test_table_of_events_has_every_event_of_the_safety_benchmark() -> None:
+    begin, end = markers("safety")
+    section = (DOCS / "measurements.md").read_text(encoding="utf-8").partition(begin)[2].partition(end)[0]
+    header, _, *rows = [line.strip("|").split(" | ") for line in section.splitlines() if line.startswith("|")]
+    assert header[-1].strip() == "next lift"
+    assert [row[0].strip() for row in rows] == [event.name for event in EVENTS]
+
+
 def test_times_of_a_frame_match_the_table_of_real_clips() -> None:
     begin, end = markers("clips octopi")
     section = (DOCS / "measurements.md").read_text(encoding="utf-8").partition(begin)[2].partition(end)[0]
@@ -117,11 +144,10 @@ def test_times_of_a_frame_match_the_table_of_real_clips() -> None:
     row = next(line.split("|") for line in section.splitlines() if line.startswith("| slip | all |"))
     (median, _, p99), multiple = row[-3].strip().split(", "), row[-2].strip()
     assert processor is not None
-    for page in (ROOT / "README.md", DOCS / "estimators.md", DOCS / "slip.md"):
-        text = " ".join(page.read_text(encoding="utf-8").split())
-        assert f"took {median} ms (median) and {p99} ms (99 %) through `rig.estimator`" in text
-        assert processor[0] in text
-        assert f"{multiple} times as long as OpenCV's `findTransformECC`" in text
+    text = " ".join((ROOT / "README.md").read_text(encoding="utf-8").split())
+    assert f"took {median} ms (median) and {p99} ms (99 %) through `rig.estimator`" in text
+    assert processor[0] in text
+    assert f"{multiple} times as long as OpenCV's `findTransformECC`" in text
 
 
 def test_container_files_exist_and_services_match_the_page() -> None:
@@ -135,9 +161,6 @@ def test_container_files_exist_and_services_match_the_page() -> None:
     bench = services["bench"]
     assert (bench["network_mode"], bench["tty"], bench["stdin_open"]) == ("host", True, True)
     assert bench["environment"]["XDG_STATE_HOME"].startswith("/bench/")
-
-
-ROOT = Path(__file__).parents[3]
 
 
 def costs(page: str) -> dict[str, str]:
@@ -156,12 +179,12 @@ def test_costs_of_the_first_command_agree() -> None:
     assert costs("docs/first_lift_simulated.md") == readme
 
 
-PAGE = (ROOT / "docs" / "formats.md").read_text(encoding="utf-8")
+FORMATS = (DOCS / "formats.md").read_text(encoding="utf-8")
 
 
 def section(heading: str) -> str:
     """The text below a heading, to the next one."""
-    return re.split(r"^#+ ", PAGE.split(f"### {heading}\n")[1], flags=re.MULTILINE)[0]
+    return re.split(r"^#+ ", FORMATS.split(f"### {heading}\n")[1], flags=re.MULTILINE)[0]
 
 
 def first_cells(text: str) -> set[str]:
@@ -173,13 +196,13 @@ def first_cells(text: str) -> set[str]:
     }
 
 
-KEYS, RECORDING = section("The keys of a lift"), section("The recording of a lift")
-BOTH_TABLES = first_cells(KEYS)
+KEYS = section("The keys of a lift")
 
 
 def test_keys_and_outcomes_of_a_lift_are_named() -> None:
     keys = {field.name for field in fields(Lift) if "doc" in field.metadata}
-    assert keys | {outcome.value for outcome in LiftOutcome} == BOTH_TABLES
+    assert keys | {outcome.value for outcome in LiftOutcome} == first_cells(KEYS)
+    assert set(ERRORS) <= keys
 
 
 def test_columns_of_the_table_of_lifts_are_named() -> None:
@@ -190,14 +213,10 @@ def test_columns_of_the_table_of_lifts_are_named() -> None:
 
 
 def test_every_figure_that_may_have_a_limit_is_listed_with_its_unit() -> None:
-    limits = (ROOT / "docs" / "report.md").read_text().split("## Limits")[1].split("\n## ")[0]
+    limits = (DOCS / "report.md").read_text().split("## Limits")[1].split("\n## ")[0]
     rows = re.findall(r"^\| (`[^|]*) \|([^|]*)\|", limits, re.MULTILINE)
     listed = {name: unit.strip() for names, unit in rows for name in re.findall("`([^`]+)`", names)}
     assert listed == {name: unit_of(name) or "" for name in (*LIFT_FIGURES, *SESSION_FIGURES)}
-
-
-def test_errors_of_the_table_of_lifts_are_keys() -> None:
-    assert set(ERRORS) <= BOTH_TABLES
 
 
 def test_topics_of_a_recording_are_named() -> None:
@@ -208,11 +227,11 @@ def test_topics_of_a_recording_are_named() -> None:
         if name.endswith(("_TOPIC", "_PREFIX"))
     }
     assert len(topics) >= 12
-    assert topics == first_cells(RECORDING)
+    assert topics == first_cells(section("The recording of a lift"))
 
 
 WORKFLOW = ROOT / ".github" / "workflows" / "ci.yml"
-SIMULATED = ROOT / "docs" / "simulated.md"
+SIMULATED = DOCS / "simulated.md"
 
 
 def commands(text: str) -> list[str]:

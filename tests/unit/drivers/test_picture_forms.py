@@ -188,6 +188,8 @@ def test_deep_samples_and_large_tiles_count(tmp_path: Path, monkeypatch: pytest.
         ["t.0.15.png", "t.0.5.png"],
         ["1.8.png", "1.9.png", "1.10.png", "1.11.png", "2.1.png"],
         ["1.001.png", "1.002.png", "1.010.png", "2.000.png"],
+        ["a_1.005.png", "a_1.0500.png", "a_1.1.png", "a_1.250.png", "a_2.0.png"],
+        ["1.08.png", "1.09.png", "1.10.png", "1.100.png"],
         ["2.png", "10.png", "0100.png", "1000.png"],
         ["left2.png", "left10.png", "right1.png"],
         ["2026.11.9.png", "2026.11.26.png", "2026.12.1.png"],

@@ -68,6 +68,7 @@ INVALID: dict[Any, dict[str, st.SearchStrategy[Any]]] = {
         "current_a": INVALID_NUMBER,
         "raw": st.one_of(st.none(), INVALID_INTEGER.map(lambda value: {"position_counts": value})),
         "mode": st.sampled_from([None, 1, True]),
+        "reclosed_from_m": INVALID_NUMBER,
     },
     HAND: {
         "holding": st.sampled_from([None, "held", True]),

@@ -11,9 +11,9 @@ from drivers.errors import DeviceError, OperatorStopError
 from drivers.types import HandState, Holding, Pose
 from fakes.clock import SimulatedClock
 from fakes.faults import FaultScript
+from learning_bench import LearningBench, build_learning_bench
 from protocols.observer import LiftObserver, Phase
 from protocols.slip_trial import LiftPlan, run_lift
-from rig.bench.learning import LearningBench, build_learning_bench
 from rig.experiments.lift_plan import LiftTask, TrialSettings, plan_lift
 from rig.tactile.estimators import choose_estimator
 from support.benches import lighter

@@ -13,7 +13,7 @@ from protocols.grasps import find_grasp_file
 from protocols.observer import Phase
 from protocols.readiness import make_ready
 from protocols.slip_trial import run_lift
-from protocols.steps import move_fingers, tolerance_m
+from protocols.steps import STILL_STEPS, move_fingers, tolerance_m
 from rig.bench.operators import ConsoleOperator
 from support.finger_counts import opening_m
 from support.marks import heavy
@@ -196,10 +196,14 @@ def test_grips_in_mm_do_not_depend_on_the_gripper_resolution(lift_of: LiftOf, st
 def test_fingers_that_drift_open_without_a_command_end_the_lift(lift_of: LiftOf, phase: Phase) -> None:
     lift = lift_of()
     break_in(lift, phase, "drift")
-    with pytest.raises(FingerMotionError, match=r"opened to .* mm without a command"):
+    with pytest.raises(FingerMotionError, match=r"opened to .* mm without a command, and its driver closed"):
         run_lift(lift.bench, lift.plan, lift.observer)
-    assert not was_dropped(lift), "the fingers are stopped before they have lost the object"
+    assert not was_dropped(lift), "the fingers close again before they have lost the object"
     assert not was_carried(lift)
+    counts = [counts for *_, counts, held in lift.trace if held]
+    gripped = counts[counts.index(max(counts)) :]
+    opened = next(i for i, at in enumerate(gripped) if at < max(counts) - STILL_STEPS)
+    assert max(gripped[opened:]) == max(counts), "the agreed grip"
 
 
 @pytest.mark.heavy
@@ -239,3 +243,17 @@ def test_fingers_that_meet_something_before_the_descent_keep_the_arm_where_it_is
     lift.run()
     assert lift.pose == before
     assert lift.bench.hand.state.holding is Holding.UNKNOWN
+
+
+@pytest.mark.parametrize(("speeds_m_s", "asked_m_s"), [((0.01, 0.03), 0.03), ((0.1, 0.2), 0.1)])
+def test_fingers_move_at_the_limit_of_a_slower_or_faster_gripper(
+    lift_of: LiftOf, speeds_m_s: tuple[float, float], asked_m_s: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bench = lift_of().bench
+    spec, move_to, asked = replace(bench.gripper.spec, speed_m_s=speeds_m_s), bench.gripper.move_to, []
+    monkeypatch.setattr(type(bench.gripper), "spec", spec)
+    monkeypatch.setattr(
+        bench.gripper, "move_to", lambda to_m, speed: asked.append(speed) or move_to(to_m, speed)
+    )
+    move_fingers(bench, opening_m(bench.gripper, 100))
+    assert asked == [asked_m_s]

@@ -24,7 +24,6 @@ from rig.frames.times import times_from_table
 from rig.labels.label_files import labelme_mask, read_label
 from rig.report.curves_page import read_table
 from rig.results.listing import list_session
-from rig.results.table import read_results
 from rig.sessions.reading import recorded_frames, show_again
 from rig.sessions.recording_file import check_recording
 from rig.tactile.contact.network import load_network
@@ -187,7 +186,6 @@ def test_calibrations(place: Path, data: bytes) -> None:
 
 TABLES = [
     b"t_s,estimate_deg,truth_deg,sigma_deg\n0,1,2,.1\n0.5,1,nan,\n1,2,2,\n", b"frame,t_s\n0,0\n1,0.5\n",
-    b"session,object,name,lift,outcome,answered,accepted,re_mean_deg\ns,t1,wrench,1,held,1.0,true,0.5\n",
 ]  # fmt: skip
 
 
@@ -198,7 +196,6 @@ def test_tables(place: Path, data: bytes) -> None:
     path.write_bytes(data)
     answered(lambda: read_table(path))
     answered(lambda: times_from_table(path, ["0", "1"]))
-    answered(lambda: read_results(path))
 
 
 SHAPES = ("polygon", "circle", "rectangle")

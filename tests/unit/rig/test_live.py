@@ -1,28 +1,23 @@
 """Messages of the live view never block, and lifts are shown on the terminal."""
 
 import os
-import shutil
 import socket
-import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 from drivers.clock import to_ns
-from drivers.errors import InputError
 from fakes.clock import SimulatedClock
 from rig.live.feed import KEPT_MESSAGES, LARGEST_BYTES, Inbox, Listener, Message, Sender
-from rig.live.session import check_viewer, viewer_environment
 from rig.live.trial_view import TrialView
 from rig.results.notes import lift_note
 from rig.sessions.records import Lift
 from rig.terminal.screen import TimeLeft, left_text
 from support.waiting import until
 
-LIFT = {"number": 3, "attempt": 0, "object": "t1", "name": "wrench", "lift": 2, "sender": 7}
+LIFT = {"number": 3, "object": "t1", "name": "wrench", "lift": 2, "sender": 7}
 FIGURES = {
     "time_ns": 5, "phase": "B", "estimate": [(4, -3.0, 0.2), (5, -3.14, 0.2)], "truth": [(5, -3.06)],
     "rates_hz": {"D1": 60.0, "D2": 59.5, "camera": None}, "dropped": {"D1": 0, "D2": 2, "camera": 1},
@@ -88,30 +83,10 @@ def test_late_reader_gets_the_newest_messages(tmp_path: Path) -> None:
 def test_invalid_messages_are_ignored(tmp_path: Path) -> None:
     inbox = Inbox(str(tmp_path / "a"))
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as stranger:
-        for data in (b"hello", b"[1, 2]\n", b'{"no": "kind"}\n', Message("phase", {"n": 1}).packed()):
+        for data in (b"hello", b"[1, 2]\n", b'{"no": "kind"}\n', Message("phase", {"n": 1}).pack()):
             stranger.sendto(data, inbox.address)
     assert wait_for(inbox, 1) == [Message("phase", {"n": 1})]
     inbox.close()
-
-
-def test_viewer_is_found_without_an_activated_environment_and_marks_simulated_lifts(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    pytest.importorskip("rerun", reason="the live view's library is not installed: extra 'live'")
-    from rig.live.viewer import layout
-
-    monkeypatch.setenv("PATH", "/usr/bin:/bin")
-    found = shutil.which("rerun", path=viewer_environment()["PATH"])
-    assert found is not None
-    assert Path(found).parent == Path(sys.executable).parent
-
-    def names(part: Any) -> list[str]:
-        own = [part.name] if getattr(part, "name", None) else []
-        return own + [name for inner in getattr(part, "contents", ()) or () for name in names(inner)]
-
-    real, simulated = (names(layout(["D1"], mark).root_container) for mark in ("", "SIMULATED "))
-    assert {"camera and markers", "D1", "angle, deg", "arm"} <= set(real)
-    assert simulated == [f"SIMULATED {name}" for name in real]
 
 
 def test_time_left_excludes_start_up_and_pieces_of_the_earlier_run() -> None:
@@ -172,14 +147,3 @@ def test_progress_is_printed_as_lines_without_a_terminal(
     assert "\x1b" not in text
     sender.close()
     inbox.close()
-
-
-def test_impossible_viewer_is_rejected_first(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delenv("DISPLAY", raising=False)
-    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
-    monkeypatch.setattr("rig.config.extras.find_spec", lambda _: object())
-    with pytest.raises(InputError, match="no display"):
-        check_viewer()
-    monkeypatch.setattr("rig.config.extras.find_spec", lambda _: None)
-    with pytest.raises(InputError, match=r"\[live\]"):
-        check_viewer()

@@ -31,7 +31,7 @@ from support import waiting
 from support.browser import NEEDS_CHROMIUM, Browser
 from support.waiting import until
 
-LIFT = {"number": 3, "attempt": 0, "object": "t1", "name": "wrench", "lift": 2, "sender": 7}
+LIFT = {"number": 3, "object": "t1", "name": "wrench", "lift": 2, "sender": 7}
 FIGURES = {
     "time_ns": 5, "phase": "B", "estimate": [(4, -3.0, 0.2), (5, -3.14, 0.2)], "truth": [(5, -3.06)],
     "rates_hz": {"D1": 60.0}, "dropped": {"D1": 2},
@@ -225,12 +225,12 @@ def test_button_needs_its_own_name_and_no_other_site_can_press_it(
     for refused in refusals:
         for sent in (None, *([] if "Host" in refused else [cookie])):  # no browser has one for elsewhere
             assert pressed(acting_page, **refused, Cookie=sent) == 403, refused
-    assert acting_page.asked() is None
+    assert acting_page.take_action() is None
     assert pressed(acting_page, Host=at, Origin=f"http://{at}", Cookie=cookie) == 200
-    until(lambda: acting_page.asked() == "estimator slip")
+    until(lambda: acting_page.take_action() == "estimator slip")
     for action in ("save", "mark 12.345678"):
         assert pressed(acting_page, action.encode(), Cookie=cookie) == 200
-        until(lambda action=action: acting_page.asked() == action)
+        until(lambda action=action: acting_page.take_action() == action)
     assert pressed(still_page) == 405
 
 
@@ -278,7 +278,7 @@ def test_browser_shows_a_page_for_other_computers_and_presses_its_buttons(tmp_pa
         sender.send("frame", {**LIFT, "serial": "D1", "time_ns": 5}, black)
         until(lambda: browser.value("document.querySelector('#pictures img')?.naturalHeight") == 8)
         browser.value("document.querySelector('[data-do=reference]').click()")
-        until(lambda: made.asked() == "reference")
+        until(lambda: made.take_action() == "reference")
         browser.open(f"http://127.0.0.1:{at.port}/", 1280, "light")
         until(lambda: browser.value("document.cookie === '' && !!document.getElementById('said')"))
     finally:

@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 
 from drivers.errors import InputError
 from rig.benchmark.clips.labelled import ClipLabel, ClipVersion, ContactSpan, clip_version, read_clips
-from rig.benchmark.clips.study import ClipsOptions, JudgedLabel, measure, run_clip, score
+from rig.benchmark.clips.study import Answers, ClipsOptions, JudgedLabel, measure, run_clip, score
 from rig.benchmark.harness import Run, markers
 from rig.cli.main import app
 from rig.tactile.estimators import choose_estimator
@@ -130,13 +130,13 @@ def test_known_rotations_are_measured(clips: Path) -> None:
 
 
 def test_refused_label_counts_with_the_last_angle() -> None:
-    labels = [
+    labels = (
         judged(0.5, 0.0, 0.2),
         judged(40.0, 35.5, 1.0, s=2.5),  # within 2 label sigmas, not within 3 degrees
         judged(20.0, None, None, held_deg=18.0),  # refused: not within, though near
         judged(-50.0, None, None),  # refused before any answer: 50 degrees off
-    ]
-    found = score(labels, [1.0, 3.0], has_sigma=True)
+    )
+    found = score(Answers(labels, (1.0, 3.0), has_sigma=True))
     shares = (found.answered, found.within_3, found.within, found.useful, found.two_sigma)
     assert [str(of) for of in shares] == ["2 of 4", "1 of 4", "2 of 4", "2 of 4", "2 of 2"]
     assert found.mean_deg == pytest.approx((0.5 + 4.5 + 2.0 + 50.0) / 4)
@@ -276,8 +276,8 @@ def test_contacts_add_two_columns_and_limits(clips: Path, blank: NDArray[np.uint
     for i in range(5):
         cv2.imwrite(str(clip / "frames" / f"{i:03d}.png"), blank[..., ::-1])
     run = run_clip(read_clips(clip)[0], choose_estimator("slip"))
-    assert len(run.contact_ms) == 20  # frames without contact do not count
-    assert run.score.frame_ms == pytest.approx(np.percentile(run.contact_ms, [50, 90, 99]))
+    assert len(run.answers.contact_ms) == 20  # frames without contact do not count
+    assert run.score.frame_ms == pytest.approx(np.percentile(run.answers.contact_ms, [50, 90, 99]))
     assert (run.score.empty_as_contact, run.score.held_as_contact) == (0.0, 1.0)
     columns = measure(ClipsOptions(tmp_path, ["pca"]), Run()).tables[1].columns
     assert {"held reported as contact", "ms per frame with contact: median, 90 %, 99 %"} <= set(columns)

@@ -58,16 +58,22 @@ def test_first_standstill_after_an_event_is_measured(
 def test_object_released_in_the_air_counts_as_dropped() -> None:
     held = way((0.0, 0.05), (0.02, 0.05), held=True)
     fallen = [*held, *way((1.0, 0.05), (1.02, 0.05))]
-    assert campaign.dropped(fallen, GRASP_M)
-    assert not campaign.dropped(fallen, GRASP_M + 0.05)
-    assert not campaign.dropped(held, GRASP_M)
+    assert campaign.was_dropped(fallen, GRASP_M)
+    assert not campaign.was_dropped(fallen, GRASP_M + 0.05)
+    assert not campaign.was_dropped(held, GRASP_M)
 
 
 def test_each_state_holds_until_the_next() -> None:
     samples = [(100, 0.1, 0.2, 0.3, 6.0, False), (200, 0.1, 0.2, 0.4, 7.0, True)]
     track = campaign.read_track(lambda command, since_ns: {"samples": samples}, 0)
-    assert [campaign.at(track, time).counts for time in (0, 100, 199, 200, 999)] == [6.0, 6.0, 6.0, 7.0, 7.0]
-    assert campaign.at(track, 250).held
+    assert [campaign.state_at(track, time).counts for time in (0, 100, 199, 200, 999)] == [
+        6.0,
+        6.0,
+        6.0,
+        7.0,
+        7.0,
+    ]
+    assert campaign.state_at(track, 250).held
 
 
 LIFT = [
@@ -107,6 +113,26 @@ def test_plain_plan_has_each_event_once_and_full_plan_has_it_once_per_stage() ->
     assert len(cells) == len(EVENTS) * len(Stage)
     assert [run.number for run in full] == [*range(1, len(full) + 1)]
     assert plan_runs(0, full=True) == full != plan_runs(1, full=True)
+    (one,) = plan_runs(0, False, [BY_NAME["arm silent"]])
+    assert one.event.name == "arm silent"
+
+
+def test_names_of_events_are_unique_and_faults_cover_every_device() -> None:
+    assert len(BY_NAME) == len(EVENTS)
+    devices = {device for event in EVENTS for device, *_ in event.faults}
+    assert devices == {"arm", "gripper", "SIM-D0001", "camera"}
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [({"events": ["elbow"]}, "no event contains elbow"), ({"bench": "fake"}, "starts itself")],
+)
+def test_unknown_event_and_bench_without_fakes_are_rejected(
+    options: dict[str, Any], said: str, tmp_path: Path
+) -> None:
+    with pytest.raises(InputError, match=said):
+        safety.measure(safety.SafetyOptions(**options), Run(folder=tmp_path / "s"))
+    assert not list(tmp_path.iterdir())
 
 
 STANDS_HIGH = way((0.0, 0.09), (0.1, 0.08), (2.0, 0.08))
@@ -146,14 +172,16 @@ OPENED = [*way((0.0, 0.0), (0.5, 0.0), counts=9.0), *way((0.6, 0.0), (1.0, 0.0),
 def test_forbidden_motion_after_the_standstill_is_named(
     event: str, track: list[TrueState], motion: str, stage: Stage
 ) -> None:
-    assert campaign.unasked(BY_NAME[event], stage, track, to_ns(0.05), GRASP_M) == motion
+    assert campaign.find_unasked_motion(BY_NAME[event], stage, track, to_ns(0.05), GRASP_M) == motion
 
 
 RUN = SafetyRun(
     number=1, event="Ctrl-C", stage=Stage.APPROACH, still_s=0.1, way_mm=5.0, dropped=False, unasked="",
     kept=True, ended=3, said="rig: stopped by the operator",
 )  # fmt: skip
-LOST = {"event": "camera lost", "stage": Stage.LIFT, "ended": 1, "said": "rig: camera", "still_s": 1.1}
+FAULT = "DeviceError: SIM-C0001: no frame for 0.25 s"
+LOST = {"event": "camera lost", "stage": Stage.LIFT, "ended": 1, "said": "rig: camera", "fault": FAULT}
+UNNOTICED = "faults in mid-lift not noticed or not named"
 
 
 @pytest.mark.parametrize(
@@ -167,8 +195,12 @@ LOST = {"event": "camera lost", "stage": Stage.LIFT, "ended": 1, "said": "rig: c
         ({"way_mm": 20.1}, ["way to standstill in the approach, mm"]),
         ({"way_mm": 20.1, "stage": Stage.LIFT}, []),
         ({"ended": 1, "said": "Traceback ..."}, ["programs that ended without a reason"]),
-        ({"ready": "no"}, ["benches that could not be put in order"]),
-        (LOST, []),
+        ({"not_continued": "no"}, ["next lifts that did not run"]),
+        (LOST | {"still_s": 1.1}, []),
+        (LOST | {"fault": "DeviceError: gripper"}, [UNNOTICED]),
+        (LOST | {"fault": ""}, [UNNOTICED]),
+        (LOST | {"fault": "", "stage": Stage.RELEASE}, []),  # the lift no longer needs the camera
+        (LOST | {"dropped": True}, ["objects dropped"]),
         ({"event": "kill -9", "ended": -signal.SIGKILL, "said": ""}, []),
     ],
 )
@@ -179,13 +211,15 @@ def test_each_limit_can_be_missed(changes: dict[str, Any], missed: list[str]) ->
 
 def test_table_has_the_longest_of_each_stage_and_goes_into_a_page(monkeypatch: pytest.MonkeyPatch) -> None:
     runs = [RUN, replace(RUN, number=2, still_s=0.2, way_mm=1.0), replace(RUN, number=3, stage=Stage.HOLD)]
-    monkeypatch.setattr(safety, "run_safety", lambda run, plan: runs)
+    runs += [replace(RUN, event="camera lost", dropped=True, not_continued="no")]
+    monkeypatch.setattr(safety, "run_safety", lambda *_: runs)
     report = safety.measure(safety.SafetyOptions(), Run())
-    row = next(row for row in report.tables[0].rows if row[0] == "Ctrl-C")
-    assert row == ("Ctrl-C", "3", "0.20, 5.0", "-", "-", "0.10, 5.0", "-", "-", "0", "0", "0")
-    assert report.section.startswith("SIMULATED, 3 runs, seed 0: longest time")
+    first, second = report.tables[0].rows
+    assert first == ("Ctrl-C", "3", "0.20, 5.0", "-", "-", "0.10, 5.0", "-", "-", "0", "0", "0", "3 of 3")
+    assert second[-4:] == ("1", "0", "0", "0 of 1")
+    assert report.section.startswith("SIMULATED, 4 runs, seed 0: longest time")
     assert "| Ctrl-C | 3 | 0.20, 5.0 |" in report.section
-    assert report.section.splitlines()[-1] == "- benches that could not be put in order: 0 (at most 0)"
+    assert report.section.splitlines()[-1] == "- next lifts that did not run: 1 (at most 0)"
 
 
 @pytest.mark.parametrize(
@@ -209,8 +243,8 @@ def test_runs_are_stored_and_continued_with_resume_only(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def result(planned: PlannedRun) -> SafetyRun:
-        ready = "not" if planned.number > 1 else ""
-        return replace(RUN, number=planned.number, event=planned.event.name, ready=ready)
+        reason = "no" if planned.number > 1 else ""
+        return replace(RUN, number=planned.number, event=planned.event.name, not_continued=reason)
 
     served: list[Path] = []
     place = nullcontext(SimpleNamespace(run=result, put_in_order=lambda: ""))
@@ -218,7 +252,7 @@ def test_runs_are_stored_and_continued_with_resume_only(
     plan, notes = plan_runs(0, full=False), list[str]()
     first = run_safety(Run(folder=tmp_path, progress=lambda *of: notes.append(of[2])), plan)
     assert [run.number for run in first] == [planned.number for planned in plan]
-    assert notes[1].endswith("5.0 mm; not in order: not")
+    assert notes[1].endswith("5.0 mm; not continued: no")
     with pytest.raises(InputError, match="--resume"):
         run_safety(Run(folder=tmp_path), plan)
     assert run_safety(Run(folder=tmp_path, resume=True), plan) == first

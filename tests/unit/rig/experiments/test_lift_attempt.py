@@ -1,15 +1,19 @@
 """One attempt at a lift: its row, its reaction, and an arm without a force sensor."""
 
+from contextlib import AbstractContextManager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from drivers.bench import Bench
 from drivers.errors import DeviceError
 from drivers.types import ArmState
 from fakes.devices.arm import FakeArm
+from protocols.operator import Operator
 from protocols.reaction import Reaction, ReactionKind
+from rig.bench.source import BenchSource
 from rig.config import BenchConfig
 from rig.config.objects import parse_object
 from rig.experiments.lift_attempt import attempt_lift
@@ -32,6 +36,19 @@ def test_row_has_the_speed_slider_fraction(light_bench: BenchConfig, monkeypatch
     monkeypatch.setattr("rig.experiments.lift_attempt.run_lift", fail)
     attempt = attempt_lift(TrialSettings(light_bench, 0, choose_estimator()), LiftTask(1, "t1", 1))
     assert attempt.row.speed_fraction == 0.4
+
+
+class _Unreachable(BenchSource):
+    def for_lift(self, *_: object) -> AbstractContextManager[tuple[Bench, Operator]]:
+        raise DeviceError("arm: no connection")
+
+
+def test_lift_without_a_bench_is_a_fault_without_duration(light_bench: BenchConfig) -> None:
+    settings = TrialSettings(light_bench, 0, choose_estimator())
+    attempt = attempt_lift(settings, LiftTask(1, "t1", 1), _Unreachable())
+    assert attempt.fault == "DeviceError: arm: no connection"
+    assert attempt.row.bench_s == 0.0
+    assert attempt.files == {}
 
 
 CUP = """id = "cup"

@@ -1,8 +1,13 @@
 """The loop from frames to samples: arm states, unreadable frames, several estimators, times per frame."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
+from calibration.store import CalibrationFile, save
+from calibration.verdict import Assessment
+from drivers.errors import CalibrationError
 from drivers.types import ArmMode, ArmState, Image, Pose
 from rig.frames.estimates import (
     Estimate,
@@ -12,6 +17,8 @@ from rig.frames.estimates import (
     estimate_together,
     figures,
     frame_ms,
+    read_scale,
+    shift_mm,
     zeroed,
 )
 from rig.frames.series import FrameSeries, TimedFrame
@@ -93,3 +100,17 @@ def test_only_processed_frames_with_contact_are_timed(
     assert (found.median_ms, found.p90_ms, found.p99_ms) == pytest.approx(expected)
     assert contact_ms(TIMED) == pytest.approx([float(ms) for ms in range(1, 13)])
     assert frame_ms([]) is None
+
+
+def test_shift_is_scaled_along_x_and_y_by_the_gel_calibration(tmp_path: Path) -> None:
+    def scale(value: dict[str, object]) -> tuple[float, float]:
+        file, created = tmp_path / "tactile-D1.yaml", "2026-01-01T00:00:00+00:00"
+        save(CalibrationFile("tactile", {"tactile": "D1"}, value, Assessment(), created), file)
+        return read_scale(file)
+
+    mm_per_px = scale({"mm_per_px": (0.05, 0.06)})
+    assert shift_mm((10.0, -20.0), mm_per_px) == (0.5, -1.2)
+    assert shift_mm(None, mm_per_px) == (None, None)
+    for damaged in ({"mm_per_px": 0.05}, {}):
+        with pytest.raises(CalibrationError, match="holds no mm_per_px; press balls"):
+            scale(damaged)

@@ -16,9 +16,10 @@ from drivers.types import Frame, Image
 from rig.contract_checks import gel, pressed_bar
 from rig.experiments.lift_plan import stored_trial
 from rig.experiments.replay import run_replay
-from rig.live.desk import Desk, DeskSettings, Reading
+from rig.live.desk import Desk, DeskSettings
+from rig.live.desk_sensor import Reading
 from rig.live.feed import Sender
-from rig.python.fingertip import BACKGROUND_FRAMES, LiveFingertip
+from rig.python.fingertip import LiveFingertip
 from rig.tactile.estimators import ESTIMATORS, TOSKOV, choose_estimator
 from support.command_line import rig as command
 from support.desk_frames import GivenFrames
@@ -92,7 +93,7 @@ def test_live_view_shows_the_state_and_a_notice() -> None:
     found: list[Reading] = []
     notices: list[str] = []
     with Desk([GivenFrames(frames)], DeskSettings(choose_estimator("slip")), Sender()) as desk:
-        while not desk.ended:
+        while not desk.has_ended:
             found += desk.step()
             notices += [] if notices[-1:] == [desk.notice] else [desk.notice]
     values = [reading.values() for reading in found]
@@ -115,7 +116,7 @@ def test_frames_of_a_folder_are_marked_and_counted(tmp_path: Path) -> None:
 def test_fingertip_of_a_program_has_the_state_and_logs_it(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    sensor = play(monkeypatch, clip()[UNTOUCHED - BACKGROUND_FRAMES : FROZEN_FROM + FROZEN])
+    sensor = play(monkeypatch, clip()[: FROZEN_FROM + FROZEN])
     tip, states = LiveFingertip("fake", "B", "ellipse"), []
     tip.connect()
     while len(sensor.images) > 1:

@@ -45,6 +45,7 @@ def test_usual_times_are_used_without_a_note(times_ns: NDArray[np.int64]) -> Non
         (np.r_[EVEN_NS[:30], EVEN_NS[:30]] / 1e9, "frame 30 is 0.483333 s before the previous frame"),
         (np.r_[0.0, 2.0, 1.0, 3.0], "frame 2 is 1 s before"),
         (EVEN_NS / 1e3, "are the times in microseconds"),
+        (EVEN_NS / 1e9 / 60 * 4, "are the times in minutes"),
         (EVEN_NS / 1e9 / 3600, "are the times in hours"),
         (np.r_[0.0, 1.763e9 + EVEN_NS / 1e9], "frame 1 is 2.04e\\+04 days after the previous frame"),
         (100.0 * np.arange(20), "0.01 frames per second by their times, 100 s apart: are the times in ms"),

@@ -12,9 +12,10 @@ from drivers.types import ArmState, Frame
 from fakes.clock import SimulatedClock
 from protocols.observer import LiftEvents, Phase
 from rig.experiments.lift_plan import new_measurement, stored_trial
+from rig.lift.agreement import clock_lag, find_turning_against
 from rig.lift.measurement import LiftMeasurement
 from rig.lift.recording import FrameDelays
-from rig.lift.result import clock_lag, lift_result, turns_against
+from rig.lift.result import evaluate_lift
 from rig.report.advice import trial_notices
 from rig.report.session import read_trial
 from rig.results.notes import lift_note
@@ -66,7 +67,7 @@ WITHOUT_ANGLES = replace(answers(), angle_deg=np.full(162, np.nan))
     ids=["exchanged", "one sign", "right", "resting", "without angles"],
 )
 def test_fingertips_that_turn_against_the_truth_are_named(tips: dict[str, Angles], said: str | None) -> None:
-    found = turns_against(tips, truth())
+    found = find_turning_against(tips, truth())
     assert (found is None) == (said is None)
     if said is not None:
         assert str(found).startswith(said)
@@ -75,7 +76,7 @@ def test_fingertips_that_turn_against_the_truth_are_named(tips: dict[str, Angles
 
 
 def test_object_that_hardly_turns_shows_neither_sign_nor_lag() -> None:
-    assert turns_against({"D1": answers(-1.0, turn_deg=3.0)}, truth(turn_deg=3.0)) is None
+    assert find_turning_against({"D1": answers(-1.0, turn_deg=3.0)}, truth(turn_deg=3.0)) is None
     assert clock_lag(answers(turn_deg=3.0), truth(0.2, 3.0)) is None
 
 
@@ -127,7 +128,7 @@ def measured(
         tip.sign = -tip.sign if number in flipped else tip.sign
     phases_ns = {name: round(time_s * NS_PER_S) for name, time_s in row.phases_s.items()}
     show_again(session / row.recording, Changed(measurement, time_of), phases_ns)
-    return lift_result(measurement, row)
+    return evaluate_lift(measurement, row)
 
 
 def notices_of(session: Path, row: Lift, warning: str) -> list[str]:

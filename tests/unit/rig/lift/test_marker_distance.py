@@ -15,7 +15,7 @@ from rig.config import BenchConfig
 from rig.config.calibrations import find_calibrations
 from rig.experiments.lift_plan import TrialSettings
 from rig.experiments.trial import run_trial
-from rig.lift.measurement import distance_warning
+from rig.lift.agreement import distance_warning
 from rig.report.advice import trial_notices
 from rig.report.session import read_trial
 from rig.results.notes import lift_note

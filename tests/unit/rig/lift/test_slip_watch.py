@@ -42,11 +42,9 @@ def test_impossible_false_alarm_rate_is_rejected(rate: float) -> None:
 
 
 def test_thresholds_grow_with_the_sensors_own_noise() -> None:
-    (quiet_deg, quiet_deg_s), (loud_deg, loud_deg_s) = (
-        watch(noise_deg=0.02 * k, noise_deg_s=0.5 * k).thresholds()[TIP] for k in (1, 4)
-    )
-    assert loud_deg - GIVES_DEG == pytest.approx(4 * (quiet_deg - GIVES_DEG))
-    assert loud_deg_s == pytest.approx(4 * quiet_deg_s)
+    quiet, loud = (watch(noise_deg=0.02 * k, noise_deg_s=0.5 * k).thresholds()[TIP] for k in (1, 4))
+    assert loud.angle_deg - GIVES_DEG == pytest.approx(4 * (quiet.angle_deg - GIVES_DEG))
+    assert loud.rate_deg_s == pytest.approx(4 * quiet.rate_deg_s)
 
 
 def test_fingertip_without_rate_raises_no_alarm() -> None:
@@ -94,8 +92,8 @@ def test_false_alarms_from_noise_stay_below_the_requested_rate() -> None:
     for frame, (angle, rate) in enumerate(rng.normal(0.0, (1.5, 20.0), (frames, 2)), start=3000):
         show(made, (frame, float(angle), float(rate)))
         if made.slip_ns() is not None:
-            made.reacted(ReactionStep.STOP, frame, 0)
-            made.reacted(ReactionStep.REST, frame, 0)
+            made.add_step(ReactionStep.STOP, frame, 0)
+            made.add_step(ReactionStep.REST, frame, 0)
     asked = 1000.0 / 6.0
     assert 0.2 * asked < len(made.events) <= asked + 2.0 * asked**0.5
 
@@ -123,13 +121,13 @@ def slipped(made: SlipWatch, frame: int, by_deg: float, from_deg: float, closes:
     """Feed a slip and its reaction; return whether another slip would have exceeded the limit just before
     its end."""
     show(made, (frame, from_deg, 0.0), (frame + 1, from_deg + by_deg, 30.0))
-    made.reacted(ReactionStep.STOP, (frame + 1) * FRAME_NS, 20)
+    made.add_step(ReactionStep.STOP, (frame + 1) * FRAME_NS, 20)
     if closes:
-        made.reacted(ReactionStep.CLOSE, (frame + 1) * FRAME_NS, 26)
+        made.add_step(ReactionStep.CLOSE, (frame + 1) * FRAME_NS, 26)
         show(made, *((f, from_deg + by_deg + 3.0, 0.0) for f in range(frame + 2, frame + 12)))  # its contact
-        made.reacted(ReactionStep.CLOSED, (frame + 12) * FRAME_NS, 26)
+        made.add_step(ReactionStep.CLOSED, (frame + 12) * FRAME_NS, 26)
     too_much = made.another_is_too_much()
-    made.reacted(ReactionStep.REST, (frame + 12) * FRAME_NS, 26)
+    made.add_step(ReactionStep.REST, (frame + 12) * FRAME_NS, 26)
     return too_much
 
 
@@ -158,8 +156,8 @@ def test_slow_drift_is_no_slip_and_a_slip_after_it_is_detected() -> None:
 def test_alarm_is_rearmed_at_the_angle_after_a_reaction() -> None:
     made = watch()
     show(made, (100, 0.8, 20.0), *((f, 0.9, 0.0) for f in range(101, 115)))
-    made.reacted(ReactionStep.STOP, 101 * FRAME_NS, 20)
-    made.reacted(ReactionStep.REST, 114 * FRAME_NS, 24)
+    made.add_step(ReactionStep.STOP, 101 * FRAME_NS, 20)
+    made.add_step(ReactionStep.REST, 114 * FRAME_NS, 24)
     assert made.slip_ns() is None
     show(made, (115, 1.0, 20.0))
     assert made.slip_ns() is None
@@ -190,9 +188,9 @@ def test_reaction_with_a_turn_limit_waits_until_the_limit_would_be_exceeded() ->
 def test_the_measured_closing_time_counts_from_the_first_reaction_on() -> None:
     def asked_after(closing_s: float) -> bool:
         made = watch(max_turn_deg=5.0)
-        made.reacted(ReactionStep.STOP, 0, 20)
-        made.reacted(ReactionStep.CLOSED, round(closing_s * 1e9), 24)
-        made.reacted(ReactionStep.REST, round(closing_s * 1e9), 24)
+        made.add_step(ReactionStep.STOP, 0, 20)
+        made.add_step(ReactionStep.CLOSED, round(closing_s * 1e9), 24)
+        made.add_step(ReactionStep.REST, round(closing_s * 1e9), 24)
         show(made, (100, 1.0, 10.0), (101, 1.0, 10.0))
         return made.slip_ns() is not None
 

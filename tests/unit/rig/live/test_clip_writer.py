@@ -12,17 +12,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from drivers.clock import NS_PER_S
 from drivers.errors import InputError, RecordingError
-from drivers.images import encode_jpeg
+from drivers.images import encode_jpeg, with_jpeg
 from drivers.types import Frame, Image
 from rig.frames.clips import ABOUT, FRAMES, TIMES
 from rig.frames.series import read_frames
-from rig.live.clip_writer import ClipWriter, clip_folder
+from rig.live.clip_writer import MARKS, Clips, ClipWriter, clip_folder
 from rig.live.desk import Desk, DeskSettings
 from rig.live.feed import Sender
+from rig.live.sensor_background import SensorBackground
 from rig.tactile.estimators import choose_estimator
 from support.desk_frames import GivenFrames, desk_frames
 from support.marks import heavy
+from support.waiting import until
 
 GREY: Image = np.full((8, 6, 3), 128, np.uint8)
 JPEG = encode_jpeg(GREY, 80)
@@ -178,30 +181,119 @@ def test_invalid_table_of_a_clip_is_rejected(tmp_path: Path, text: str, said: st
         read_frames(clip)
 
 
+SHAPE = (64, 48, 3)
+
+
+def clips_of(folder: Path, *names: str, simulated: bool = False, keeps_frames: bool = True) -> Clips:
+    backgrounds = {name: SensorBackground(np.full(SHAPE, 90, np.uint8), None) for name in names}
+    return Clips(folder, backgrounds, simulated, keeps_frames)
+
+
+def noise(count: int, jpeg: bool = False) -> list[Frame]:
+    """Return frames of noise at 50 Hz."""
+    images = np.random.default_rng(0).integers(0, 255, (count, *SHAPE), np.uint8)
+    frames = [Frame(image, 5_000_000_000 + STEP_NS * n, n, "D1") for n, image in enumerate(images)]
+    return [with_jpeg(frame) for frame in frames] if jpeg else frames
+
+
+def saved(clips: Clips) -> str:
+    """Save the newest frames; wait for the result."""
+    clips.save_last()
+    until(lambda: not clips._saving.is_alive())
+    return clips.take_saved() or ""
+
+
+@pytest.mark.parametrize("jpeg", [True, False])
+def test_saved_clip_has_the_newest_frames_unchanged_also_during_a_recording(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, jpeg: bool
+) -> None:
+    monkeypatch.setattr("rig.live.clip_writer.SAVED_S", 0.5)
+    clips, frames = clips_of(tmp_path, "D1"), noise(40, jpeg)
+    for number, each in enumerate(frames):
+        if number == 10:
+            clips.begin()
+        clips.add("D1", each, 0.0)
+    clips.mark(frames[24].time_ns, "mark 1")
+    notices = [saved(clips), saved(clips)]
+    assert clips.is_recording, "the recording goes on"
+    clips.close()
+    recorded, *of_saved = sorted(tmp_path.iterdir(), key=lambda one: one.stat().st_ctime_ns)
+    assert notices == [f"saved {clip}: 26 frames, 0.5 s" for clip in of_saved]
+    assert len(list((recorded / FRAMES).iterdir())) == 30
+    for clip in of_saved:
+        kept = list(read_frames(clip).read())
+        assert [one.time.time_ns for one in kept] == [STEP_NS * n for n in range(26)]
+        files = sorted((clip / FRAMES).iterdir())
+        assert [file.suffix for file in files] == [".jpg" if jpeg else ".png"] * 26
+        for one, file, given in zip(kept, files, frames[-26:], strict=True):
+            assert file.read_bytes() == given.jpeg if jpeg else np.array_equal(one.image, given.image)
+        assert (clip / MARKS).read_text() == "time_s,text\n0.200000000,mark 1\n"
+    assert (recorded / MARKS).read_text() == "time_s,text\n0.280000000,mark 1\n"
+
+
+def test_frames_that_are_kept_for_saving_are_bounded_in_bytes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("rig.live.clip_writer.MOST_SAVED_BYTES", 10 * int(np.prod(SHAPE)))
+    clips = clips_of(tmp_path, "D1")
+    for each in noise(30):
+        clips.add("D1", each, 0.0)
+    assert len(clips._newest["D1"].frames) == 10
+    assert "10 frames, 0.2 s" in saved(clips)
+
+
+def test_saved_frames_of_a_sensor_that_was_unplugged_are_of_the_last_30_s_too(tmp_path: Path) -> None:
+    clips = clips_of(tmp_path, "D1", "D2")
+    for name, seconds in (("D1", 20), ("D2", 40)):
+        for second in range(seconds):
+            clips.add(name, Frame(GREY, second * NS_PER_S, second, name), 0.0)
+    saved(clips)
+    counts = {folder.name[18:]: len(list((folder / FRAMES).iterdir())) for folder in tmp_path.iterdir()}
+    assert counts == {"D1": 11, "D2": 31}
+
+
 @pytest.mark.parametrize("simulated", [True, False])
 def test_clip_says_whether_its_sensor_is_simulated(tmp_path: Path, simulated: bool) -> None:
-    settings = DeskSettings(choose_estimator("ellipse"), clips=tmp_path, simulated=simulated)
-    with Desk([GivenFrames(list(desk_frames(3.5)))], settings, Sender()) as desk:
-        while not desk.recording:
-            desk.step()
-            desk.act("record")
-        desk.step()
+    clips = clips_of(tmp_path, "D1", simulated=simulated)
+    clips.begin()
+    clips.close()
     (clip,) = tmp_path.iterdir()
-    assert json.loads((clip / ABOUT).read_text())["simulated"] is simulated
+    about = json.loads((clip / ABOUT).read_text())
+    assert (about["sensor"], about["simulated"], about["background"]) == ("D1", simulated, "the given image")
 
 
-@pytest.mark.heavy
-def test_full_disk_ends_the_clip_and_the_live_view_goes_on(tmp_path: Path) -> None:
-    frames = list(desk_frames(5.0))
-    settings = DeskSettings(choose_estimator("ellipse"), clips=tmp_path)
+def test_clip_that_cannot_be_saved_is_named(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    clips = clips_of(tmp_path / "file" / "clips", "D1")
+    clips.add("D1", frame(0), 0.0)
+    assert "the clip cannot be written (Not a directory)" in saved(clips)
+
+
+def test_all_sensors_are_recorded_or_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "D2").touch()
+    monkeypatch.setattr("rig.live.clip_writer.clip_folder", lambda clips, serial: clips / serial / "clip")
+    clips = clips_of(tmp_path, "D1", "D2")
+    with pytest.raises(RecordingError, match=r"the clip cannot be written \(Not a directory\)"):
+        clips.begin()
+    assert not clips.is_recording
+
+
+@pytest.mark.parametrize("action", ["record", "save"])
+def test_clip_needs_a_background(tmp_path: Path, action: str) -> None:
+    clips = Clips(tmp_path, {"D1": SensorBackground(None, None)}, simulated=False, keeps_frames=True)
+    with pytest.raises(InputError, match=f"{action}: wait until the background is taken"):
+        (clips.begin if action == "record" else clips.save_last)()
+
+
+def test_full_disk_ends_the_clips_and_the_live_view_goes_on(tmp_path: Path) -> None:
+    frames = list(desk_frames(2.6))
+    settings = DeskSettings(choose_estimator("ellipse"), backgrounds=(frames[0].image,), clips=tmp_path)
     with Desk([GivenFrames(frames)], settings, Sender()) as desk:
-        while not desk.recording:
-            desk.step()
-            desk.act("record")
+        desk.act("record")
         desk.step()
         with limited(1000):
             assert desk.step()
-        assert not desk.recording
+        assert not desk.clips.is_recording
         assert str(tmp_path) in desk.notice
         assert "the clip cannot be written (File too large); recorded" in desk.notice
         assert desk.step()

@@ -12,7 +12,7 @@ from drivers.errors import FormatError
 from rig.frames.estimates import Estimation
 from rig.frames.series import read_frames
 from rig.live import state
-from rig.live.clip_writer import MARKS, ClipWriter
+from rig.live.clip_writer import MARKS
 from rig.live.feed import NO_FRAMES, OBJECT, Message
 from rig.live.state import (
     HISTORY_S,
@@ -27,7 +27,7 @@ from rig.live.state import (
 from rig.live.stored_clip import stored_history
 from rig.tactile.estimators import choose_estimator
 from rig.tactile.sample import State
-from support.desk_frames import desk_frames
+from support.desk_frames import write_desk_clip
 
 JPEG = b"\xff\xd8 a picture"
 
@@ -195,20 +195,9 @@ def test_states_with_contact_are_those_of_the_estimators() -> None:
     assert set(state.WITH_CONTACT) == {one.value for one in State} - {State.NO_CONTACT, State.FROZEN}
 
 
-def recorded(folder: Path) -> Path:
-    """Record a press of 5 s with a mark at 2 s."""
-    frames = list(desk_frames(7.0))
-    clip = ClipWriter(folder, frames[0].image, {"sensor": "D1", "simulated": True})
-    for frame in frames:
-        clip.add(frame)
-    clip.mark(frames[0].time_ns + 2_000_000_000, "mark 1")
-    clip.close()
-    return folder
-
-
 @pytest.mark.heavy
 def test_stored_clip_has_the_angles_of_rig_estimate(tmp_path: Path) -> None:
-    clip = recorded(tmp_path / "clip")
+    write_desk_clip(clip := tmp_path / "clip", 7.0)
     done = Estimation(choose_estimator("ellipse")).of_series(read_frames(clip))
     history = stored_history([done], None, clip)
     assert history.began_s == 0.0
@@ -230,9 +219,8 @@ def test_stored_clip_has_the_angles_of_rig_estimate(tmp_path: Path) -> None:
     assert found["contact"] == times_s[states.index("tracking")]
 
 
-@pytest.mark.heavy
 def test_damaged_marks_of_a_clip_are_named(tmp_path: Path) -> None:
-    clip = recorded(tmp_path / "clip")
+    write_desk_clip(clip := tmp_path / "clip", 2.5)
     done = Estimation(choose_estimator("ellipse")).of_series(read_frames(clip))
     for text in ("time,text\n1,a\n", "time_s,text\nsoon,a\n", "time_s,text\n1,a,b\n", "time_s,text\nnan,a\n"):
         (clip / MARKS).write_text(text)

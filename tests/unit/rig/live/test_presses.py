@@ -10,7 +10,7 @@ from drivers.images import with_jpeg
 from drivers.types import Frame
 from fakes.devices.desk import CYCLE_S, OFF_S, TOUCH_S, TURNS_S
 from rig.frames.slip_alarm import SlipAlarm
-from rig.live.desk import DeskSensor, Reading
+from rig.live.desk_sensor import DeskSensor, Reading
 from rig.tactile.estimators import choose_estimator
 from support.desk_frames import desk_digit
 from support.marks import heavy

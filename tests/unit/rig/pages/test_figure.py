@@ -70,7 +70,8 @@ def _run(angles: Any, sigma: Any, labels: list[float], label_sigma: float) -> An
     series = Angles(np.arange(len(angles)) / 60.0, angles, sigma)
     estimate = SimpleNamespace(samples=series.time_s, angles=series)
     clip = SimpleNamespace(reference_frame=4)
-    return SimpleNamespace(clip=clip, labels=marked, estimate=estimate, has_sigma=True)
+    answers = SimpleNamespace(labels=marked, has_sigma=True)
+    return SimpleNamespace(clip=clip, estimate=estimate, answers=answers)
 
 
 @pytest.mark.parametrize("name", ["測定", "القياس", "\u001b[2J"])

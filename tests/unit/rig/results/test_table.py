@@ -10,10 +10,11 @@ import pytest
 from drivers.errors import InputError
 from rig.report.trial_page import lift_table
 from rig.results.summary import summarize_trial
-from rig.results.table import COLUMNS, broken_row, lifts_csv, read_results, summarize_table, table_row
+from rig.results.table import COLUMNS, REPLAYS, broken_row, lifts_csv, summarize_table, table_row
 from rig.sessions.codec import json_value
 from rig.sessions.records import IN_CSV, ErrorSummary, Lift
-from rig.sessions.table_files import Line, csv_bytes, parquet_bytes
+from rig.sessions.table_files import Line, csv_bytes, parquet_bytes, pyarrow_modules
+from support.tables import read_typed_csv
 
 HEAD: Line = {
     "session": "/s/one", "started": "2026-11-21", "bench": "fake", "estimator": "slip", "window": 1,
@@ -39,8 +40,10 @@ def test_written_table_is_read_back_unchanged(kind: str, tmp_path: Path, lift_ro
     rows = [*table(lift_row, 20), broken_row("/s/two", 'no, "x"')]
     path = tmp_path / f"results.{kind}"
     path.write_bytes(csv_bytes(COLUMNS, rows) if kind == "csv" else parquet_bytes(COLUMNS, rows))
-    assert read_results(path) == rows
-    assert read_results(tmp_path) == rows
+    if kind == "csv":
+        assert read_typed_csv(path, COLUMNS) == rows
+    else:
+        assert pyarrow_modules()[1].read_table(path).to_pylist() == rows
 
 
 def test_summary_of_a_table_equals_that_of_its_rows(lift_row: MakeRow) -> None:
@@ -48,26 +51,12 @@ def test_summary_of_a_table_equals_that_of_its_rows(lift_row: MakeRow) -> None:
     assert summarize_table([table_row(HEAD, r) for r in rows]) == summarize_trial(rows)
 
 
-def test_empty_or_invalid_cell_is_named(tmp_path: Path, lift_row: MakeRow) -> None:
-    lines = table(lift_row, 3)
-    path = tmp_path / "results.csv"
-    path.write_bytes(csv_bytes(COLUMNS, [lines[0], {**lines[1], "session": None}]))
-    with pytest.raises(InputError, match=r"results\.csv: row 2: 'session'"):
-        read_results(path)
-    path.write_bytes(csv_bytes(COLUMNS, [{**lines[0], "answered": None}]))
+def test_empty_or_invalid_cell_is_named(lift_row: MakeRow) -> None:
+    line = table(lift_row, 1)[0]
+    with pytest.raises(ValueError, match="'session' is missing"):
+        REPLAYS.checked({**line, "session": None})
     with pytest.raises(InputError, match="lift 0: answered is empty"):
-        summarize_table(read_results(path))
-
-
-def test_file_without_a_results_table_is_rejected(tmp_path: Path) -> None:
-    (tmp_path / "other.csv").write_text("frame,t_s\n1,0.5\n")
-    (tmp_path / "rubbish.csv").write_bytes(b"\x00\xff\x00rubbish")
-    for name, said in (
-        ("other.csv", "no column session"), ("rubbish.csv", r"rubbish\.csv"), ("", "rig replay SESSIONS"),
-        ("nothing.csv", "cannot be read"),
-    ):  # fmt: skip
-        with pytest.raises(InputError, match=said):
-            read_results(tmp_path / name)
+        summarize_table([{**line, "answered": None}])
 
 
 def test_declared_values_of_a_lift_are_in_line_tables_and_report(lift_row: MakeRow) -> None:

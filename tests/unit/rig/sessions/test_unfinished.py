@@ -17,7 +17,7 @@ from rig.sessions import unfinished
 from rig.sessions.recorder import LiftRecorder
 from rig.sessions.records import LIFTS
 from rig.sessions.session import open_session
-from rig.sessions.unfinished import BackgroundFile, completed, new_recording
+from rig.sessions.unfinished import BackgroundFile, complete_at_end, new_recording
 from support.recordings import trial_request, unfinished_recordings
 from support.waiting import LIMIT_S
 
@@ -35,7 +35,7 @@ def record(recorder: LiftRecorder, frames: int, size: int = 20_000) -> None:
 
 
 def interrupt(recorder: LiftRecorder, file: BackgroundFile, frames: int) -> None:
-    with completed(recorder, file):
+    with complete_at_end(recorder, file):
         record(recorder, frames)
         raise OperatorStopError("stopped")
 
@@ -47,7 +47,7 @@ def writers() -> list[str]:
 def test_frames_are_on_disk_during_the_lift(tmp_path: Path) -> None:
     file = new_recording(tmp_path, RECORDING)
     recorder = LiftRecorder(file)
-    with completed(recorder, file):
+    with complete_at_end(recorder, file):
         record(recorder, 100)
         deadline = time.monotonic() + 120.0
         while file.path.stat().st_size < 1.8 * MB and time.monotonic() < deadline:
@@ -70,7 +70,7 @@ def test_second_recording_of_a_lift_does_not_overwrite_the_first(tmp_path: Path)
 
 def test_lift_without_messages_leaves_no_file(tmp_path: Path) -> None:
     file = new_recording(tmp_path, RECORDING)
-    with pytest.raises(OperatorStopError), completed(LiftRecorder(file), file):
+    with pytest.raises(OperatorStopError), complete_at_end(LiftRecorder(file), file):
         raise OperatorStopError("stopped")
     assert list(tmp_path.iterdir()) == []
     assert writers() == []
@@ -114,7 +114,7 @@ def test_full_disk_is_an_error_within_the_lift(tmp_path: Path) -> None:
     sizes: list[int] = []
 
     def until_full() -> None:
-        with completed(recorder, file):
+        with complete_at_end(recorder, file):
             for number in range(500):
                 recorder.frame(frame(number, bytes(20_000)))
                 sizes.append(file.tell())

@@ -48,7 +48,7 @@ def test_contact_settles_by_its_area_after_frames_and_time_and_again_in_the_next
 @pytest.mark.parametrize("name", [name for name in ESTIMATORS if name != "toskov"])
 def test_every_estimator_reports_when_a_contact_has_settled(name: str) -> None:
     estimator = choose_estimator(name).make(gel(320, 240))
-    frames = [gel(320, 240, 1), *(pressed_bar(20.0, seed) for seed in range(14))]
+    frames = [gel(320, 240, 1), *(pressed_bar(20.0, seed) for seed in range(18))]
     samples = [estimator.update(image, to_ns(number / 60.0)) for number, image in enumerate(frames)]
     assert [sample.settled for sample in samples[:9]] == [samples[0].settled] + [False] * 8
     assert not samples[0].settled

@@ -19,7 +19,7 @@ from rig.tactile.contact.network import Recipe, load_network
 from rig.training import networks
 from rig.training.examples import simulated_examples
 from rig.training.export import export_eight_bit, export_half, export_onnx, import_checkpoint
-from rig.training.loop import LabelledFrame, Schedule, Training, arithmetic_of, augmented, focal_loss
+from rig.training.loop import LabelledFrame, Schedule, Training, arithmetic_of, augment, focal_loss
 from rig.training.networks import ARCHITECTURES, build_network, find_architecture
 from rig.training.run import TrainSettings, train_all
 
@@ -168,7 +168,7 @@ def test_augmentation_keeps_colours_in_order_and_mirrors_nothing() -> None:
     label = np.zeros((80, 64), np.uint8)
     label[10:30, 8:24] = 255
     for seed in range(20):
-        sample = augmented(LabelledFrame(frame, frame // 2, label), frame, True, np.random.default_rng(seed))
+        sample = augment(LabelledFrame(frame, frame // 2, label), frame, True, np.random.default_rng(seed))
         red, green, blue = sample.frame.reshape(-1, 3).mean(axis=0)
         assert red > green > blue
         rows, columns = np.nonzero(sample.label > 127)

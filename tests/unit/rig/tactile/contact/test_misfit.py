@@ -15,7 +15,7 @@ from drivers.images import read_image
 from drivers.types import Frame, Image
 from rig.frames.estimates import CHECKED_FRAMES
 from rig.frames.series import evenly_spread
-from rig.live.desk import DeskSensor
+from rig.live.desk_sensor import DeskSensor
 from rig.tactile.contact import misfit as misfits
 from rig.tactile.contact.background import mean_background
 from rig.tactile.contact.background_check import BackgroundCheck

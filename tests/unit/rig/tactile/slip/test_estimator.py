@@ -20,6 +20,7 @@ from rig.tactile.contact.background import auto_background
 from rig.tactile.contact.gate import Region
 from rig.tactile.sample import SlipSample, State
 from rig.tactile.slip.estimator import SlipEstimator
+from rig.tactile.slip.outline import Outline
 from rig.tactile.slip.tearing import Tearing
 from rig.tactile.slip.tracker import Tracked, Tracker
 from support.marks import heavy
@@ -40,6 +41,12 @@ def turned(samples: list[SlipSample]) -> float:
     """Turn from the settled contact to the last frame."""
     start, end = samples[REST - 1].angle_deg, samples[-1].angle_deg
     return end - start
+
+
+def turned_since_settled(samples: list[SlipSample]) -> float:
+    """Turn from the first frame of the settled contact to the last frame."""
+    start = next(sample for sample in samples if sample.settled and sample.angle_deg is not None)
+    return samples[-1].angle_deg - start.angle_deg
 
 
 def lift(
@@ -66,6 +73,21 @@ def test_rotation_is_measured_from_any_initial_angle(
     sigma = samples[-1].sigma_deg
     assert turned(samples) == pytest.approx(turn, abs=max(0.3, 3 * sigma))
     assert turned(samples) == pytest.approx(turn, abs=1.0)
+
+
+@pytest.mark.heavy
+@given(factor=st.integers(2, 8), repeats=st.integers(1, 8), offset=st.integers(0, 7), turn=st.floats(-30, 30))
+def test_angle_does_not_depend_on_the_frame_rate(
+    press: Draw, blank: Image, factor: int, repeats: int, offset: int, turn: float
+) -> None:
+    """Frames are left out, then each is repeated. Rest, turn and rest after it take 0.8 s each."""
+    angles = np.interp(np.arange(144) * PERIOD_NS / 1e9, [0.8, 1.6], [20.0, 20.0 + turn])
+    images = [press(angle, seed=i, half_axes=EDGE) for i, angle in enumerate(angles)]
+    complete = run(SlipEstimator(blank), images)
+    images, period_ns = images[offset % factor :: factor], factor * PERIOD_NS // repeats
+    fewer = run(SlipEstimator(blank), [image for image in images for _ in range(repeats)], period_ns)
+    assert abs(turned_since_settled(fewer) - turned_since_settled(complete)) < fewer[-1].sigma_deg
+    assert abs(turned_since_settled(fewer) - turn) < 2 * fewer[-1].sigma_deg
 
 
 @pytest.mark.heavy
@@ -209,6 +231,8 @@ def test_a_loss_however_large_adds_at_most_nine_degrees_to_sigma(
         return tracked and replace(tracked, worst_loss=50.0)
 
     monkeypatch.setattr(Tracker, "follow", lost)
+    # The outline of a long contact would bound sigma too.
+    monkeypatch.setattr(Outline, "correct", lambda self, angle_rad, variance, mask: (angle_rad, variance))
     assert 9.0 < run(SlipEstimator(blank), lift(press, 0.0))[-1].sigma_deg < 9.5
 
 

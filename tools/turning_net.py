@@ -1,4 +1,7 @@
-"""The network that estimates which texture of a contact turns with the object, and its training."""
+"""The network that estimates which texture of a contact turns with the object, and its training.
+
+To train it, run `python tools/train_turning.py --help`.
+"""
 
 import math
 import os
@@ -13,13 +16,13 @@ from torch import nn
 from torch.nn import functional
 
 from calibration.gel.look import load_look
-from fakes.studio.turning_frames import FRAMES_PER_FACE
+from fitting import claim_folder, fit
 from rig.sessions.files import write_json
 from rig.tactile.slip.turning import MULTIPLE_PX, SHARE_PX, load_turning
-from rig.training.export import CARD, MODEL, check_agreement, claim, file_facts, onnx_model
-from rig.training.loop import Report, fit
+from rig.training.export import CARD, MODEL, check_agreement, file_facts, onnx_model
+from rig.training.loop import Report
 from rig.training.networks import layer
-from rig.training.turning_examples import TurningExamples, turning_examples
+from turning_examples import FRAMES_PER_FACE, TurningExamples, turning_examples
 
 BATCH, RATE = 128, 3e-3
 _VALIDATED = 0.05
@@ -55,8 +58,8 @@ class TurningNet(nn.Module):
     def forward(self, differences: torch.Tensor) -> torch.Tensor:
         quarter = self.quarter(self.halved(torch.clamp(differences / _UNIT, -_CLIPPED, _CLIPPED)))
         eighth = self.eighth(quarter)
-        eighth = self.at_eighth(_doubled(self.to_third(self.sixteenth(eighth))) + eighth)
-        return self.upscaled(self.at_quarter(_doubled(self.to_second(eighth)) + quarter))
+        eighth = self.at_eighth(_double(self.to_third(self.sixteenth(eighth))) + eighth)
+        return self.upscaled(self.at_quarter(_double(self.to_second(eighth)) + quarter))
 
 
 class _Residual(nn.Module):
@@ -87,7 +90,7 @@ def train_turning(
     is not empty or cannot be made.
     """
     unit = None if look is None else load_look(look)
-    claim(out, threads)
+    claim_folder(out, threads)
     torch.manual_seed(seed)
     jobs = threads or os.cpu_count() or 1
     examples = turning_examples(faces, seed, lambda n: report("SIMULATED contacts", n / faces), unit, jobs)
@@ -97,7 +100,7 @@ def train_turning(
     generator = torch.Generator(device).manual_seed(seed)
 
     def loss(at: torch.Tensor) -> torch.Tensor:
-        planes, shares, weights = _augmented(*_batch(examples, at.numpy(), device), generator)
+        planes, shares, weights = _augment(*_batch(examples, at.numpy(), device), generator)
         losses = functional.binary_cross_entropy_with_logits(network(planes), shares, reduction="none")
         return (losses * weights).sum() / weights.sum()
 
@@ -133,7 +136,7 @@ def error_of(network: nn.Module, examples: TurningExamples, at: np.ndarray) -> f
     with torch.inference_mode():
         for start in range(0, len(at), BATCH):
             planes, shares, weights = _batch(examples, at[start : start + BATCH], device)
-            found = torch.sigmoid(network(_padded(planes))[..., : shares.shape[2], : shares.shape[3]])
+            found = torch.sigmoid(network(_pad(planes))[..., : shares.shape[2], : shares.shape[3]])
             error += float((weights * (found - shares).abs()).sum())
             total += float(weights.sum())
     return error / total
@@ -154,7 +157,7 @@ def export_turning(network: nn.Module, path: Path) -> None:
     check_agreement(path, share - own, _MOST_DIFFERENCE)
 
 
-def _doubled(planes: torch.Tensor) -> torch.Tensor:
+def _double(planes: torch.Tensor) -> torch.Tensor:
     return functional.interpolate(planes, scale_factor=2.0, mode="nearest")
 
 
@@ -168,7 +171,7 @@ def _batch(
     return planes, shares, weights
 
 
-def _augmented(
+def _augment(
     planes: torch.Tensor, shares: torch.Tensor, weights: torch.Tensor, generator: torch.Generator
 ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
     """Change pose, colours, light and sharpness of images at random, and add noise."""
@@ -180,7 +183,7 @@ def _augmented(
     turns = drawn(count) * 2.0 * math.pi * (drawn(count) < _TURNED)
     scales = torch.exp((drawn(count) * 2.0 - 1.0) * _SCALED)
     mirrored = torch.sign(drawn(count) - 0.5)
-    planes, shares, weights = (_moved(a, turns, scales, mirrored) for a in (planes, shares, weights))
+    planes, shares, weights = (_move(a, turns, scales, mirrored) for a in (planes, shares, weights))
     mixed = torch.eye(3, device=planes.device) + _MIXED * normal(count, 3, 3)
     order = torch.randperm(3, generator=generator, device=planes.device)
     mixed = mixed[:, order] * torch.sign(drawn(count, 3, 1) - _NEGATIVE)
@@ -193,13 +196,13 @@ def _augmented(
     softened = drawn(count, 1, 1, 1) < _SOFTENED
     planes = torch.where(softened, functional.avg_pool2d(planes, 3, 1, 1), planes)
     noise = normal(*planes.shape) * _NOISE * drawn(count, 1, 1, 1)
-    planes = _padded(planes + noise).contiguous(memory_format=torch.channels_last)
+    planes = _pad(planes + noise).contiguous(memory_format=torch.channels_last)
     below, beside = (f // SHARE_PX - s for f, s in zip(planes.shape[2:], shares.shape[2:], strict=True))
     shares, weights = (functional.pad(a, (0, beside, 0, below)) for a in (shares, weights))
     return planes, shares, weights
 
 
-def _moved(
+def _move(
     planes: torch.Tensor, turns_rad: torch.Tensor, scales: torch.Tensor, mirrored: torch.Tensor
 ) -> torch.Tensor:
     """Rotate, scale and mirror each image. mirrored: 1 or -1 for each."""
@@ -211,6 +214,6 @@ def _moved(
     return functional.grid_sample(planes, grid, padding_mode="border", align_corners=False)
 
 
-def _padded(planes: torch.Tensor) -> torch.Tensor:
+def _pad(planes: torch.Tensor) -> torch.Tensor:
     below, beside = (-side % MULTIPLE_PX for side in planes.shape[2:])
     return functional.pad(planes, (0, beside, 0, below))

@@ -3,7 +3,7 @@
 AngleNet: the paper compares with a larger network (section IV-D). Here it is replaced by the smallest
 ConvNeXt of timm (zepto, 1.9 M parameters) on frames of reduced size. Toskov et al. 2022: one gated recurrent
 unit and a linear layer. It is trained on whole lifts and exported as a single time step, with its memory as
-input and output.
+input and output. To train one, run `python tools/train_angle.py --help`.
 """
 
 import math
@@ -23,6 +23,16 @@ from torch.nn import functional
 
 from drivers.errors import InputError
 from drivers.types import Image
+from fitting import claim_folder, fit
+from learnt_lifts import (
+    AT_REST,
+    SIGHT_HZ,
+    GelViews,
+    LearntLift,
+    simulated_lifts,
+    stack_views,
+    stored_lifts,
+)
 from protocols.grasps import TRIAL_OBJECTS, load_grasp_files
 from rig.sessions.files import write_json
 from rig.sessions.manifest import TrialManifest, read_manifest_of
@@ -30,16 +40,7 @@ from rig.tactile.contact.network import frame_planes
 from rig.tactile.estimators import ANGLENET, TOSKOV
 from rig.tactile.peers.learned import load_image_network, load_wrench_network
 from rig.training import export
-from rig.training.lifts import (
-    AT_REST,
-    SIGHT_HZ,
-    GelViews,
-    LearntLift,
-    simulated_lifts,
-    stacked_views,
-    stored_lifts,
-)
-from rig.training.loop import Report, fit
+from rig.training.loop import Report
 from rig.training.networks import declare_missing_operators
 
 WHY = "angles are learnt from lifts"
@@ -86,7 +87,7 @@ def train_angles(out: Path, settings: AngleSettings, report: Report) -> dict[str
 
     Raises `InputError` if the folder is not empty or cannot be made, or if the sessions cannot be split.
     """
-    export.claim(out, settings.threads)
+    claim_folder(out, settings.threads)
     train = _train_wrist if settings.name == TOSKOV else _train_angle_net
     network, split, result = train(out, settings, report)
     card = {
@@ -150,7 +151,7 @@ def _train_wrist(out: Path, settings: AngleSettings, report: Report) -> Trained:
 
 def _train_angle_net(out: Path, settings: AngleSettings, report: Report) -> Trained:
     seen = [view for lift in _lifts(settings, report, SIGHT_HZ) for view in lift.views(SIZE)]
-    views = stacked_views(seen, "the sessions" if settings.sessions else "simulated lifts")
+    views = stack_views(seen, "the sessions" if settings.sessions else "simulated lifts")
     split = _split(views.objects, settings)
     train, validation, test = parts = [views.of(ids) for ids in split]
     augment = not settings.on_test_lifts
@@ -228,7 +229,7 @@ def train_angle_net(
 
     def loss(at: torch.Tensor) -> torch.Tensor:
         seen = [(train.images[i], float(train.angle_deg[i])) for i in at.tolist()]
-        seen = [_augmented(*of, rng) for of in seen] if augment else seen
+        seen = [_augment(*of, rng) for of in seen] if augment else seen
         found = network(_planes([image for image, _ in seen]))
         return functional.l1_loss(found, torch.tensor([angle for _, angle in seen]))
 
@@ -264,7 +265,7 @@ def _planes(images: Sequence[Image] | Image) -> torch.Tensor:
     return planes.contiguous(memory_format=torch.channels_last)
 
 
-def _augmented(image: Image, angle_deg: float, rng: np.random.Generator) -> tuple[Image, float]:
+def _augment(image: Image, angle_deg: float, rng: np.random.Generator) -> tuple[Image, float]:
     turn = float(rng.uniform(-TURN_DEG, TURN_DEG))
     height, width = image.shape[:2]
     change = cv2.getRotationMatrix2D((width / 2.0, height / 2.0), turn, 1.0)

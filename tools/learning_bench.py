@@ -2,6 +2,7 @@
 
 The camera delivers noise, because the ground truth comes from the world. If a network is trained only on the
 wrench at the wrist, the fingertips deliver a sketched gel, which is drawn much faster than a rendered one.
+Used by `tools/learnt_lifts.py`. To train on lifts, run `python tools/train_angle.py --help`.
 """
 
 from collections.abc import Callable

@@ -1,6 +1,8 @@
-"""Training examples of turning contacts agree with the drawn contacts."""
+"""Examples of turning contacts agree with the drawn contacts, and the network is trained on them."""
 
+import json
 from itertools import islice
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -10,11 +12,11 @@ from pydantic import ValidationError
 
 from calibration.gel.look import SLOPE_TERMS, GelLook
 from calibration.gel.noise import CameraNoise
+from drivers.errors import InputError
 from drivers.types import Image
 from fakes.studio.training_frames import LOOK_SEEDS_FROM, training_frames
-from fakes.studio.turning_frames import TURN_DEG, TurningFrame, turning_frames
 from rig.config.devices import FakeTactileConfig
-from rig.training.turning_examples import SIZE, example_of, turning_examples
+from turning_examples import SIZE, TURN_DEG, TurningFrame, example_of, turning_examples, turning_frames
 
 HEIGHT, WIDTH = 320, 240
 CENTER_PX = (119.5, 159.5)
@@ -54,7 +56,7 @@ def test_bar_turns_and_ring_does_not() -> None:
 
 @pytest.mark.heavy
 def test_examples_have_the_network_input_and_output_sizes(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("rig.training.turning_examples._FACES_PER_TASK", 1)
+    monkeypatch.setattr("turning_examples._FACES_PER_TASK", 1)
     result: list[int] = []
     examples = turning_examples(2, 7, result.append)
     assert result == [1, 2]
@@ -77,7 +79,7 @@ def test_every_second_sensor_is_a_variation_of_the_look() -> None:
 
 
 @pytest.mark.heavy
-@pytest.mark.parametrize("kind", ["train", "train-turning"])
+@pytest.mark.parametrize("kind", ["train", "turning"])
 def test_training_varies_looks_by_seeds_that_no_bench_accepts(kind: str) -> None:
     seeds: list[int] = []
     look: Any = SimpleNamespace(varied=seeds.append)
@@ -90,3 +92,19 @@ def test_training_varies_looks_by_seeds_that_no_bench_accepts(kind: str) -> None
     FakeTactileConfig.model_validate({**sensor, "look_seed": LOOK_SEEDS_FROM - 1})
     with pytest.raises(ValidationError, match="look_seed"):
         FakeTactileConfig.model_validate({**sensor, "look_seed": LOOK_SEEDS_FROM})
+
+
+def test_trained_network_is_exported_and_loaded(tmp_path: Path) -> None:
+    pytest.importorskip("torch", reason="training is the extra 'train'")
+    from rig.tactile.slip.turning import load_turning
+    from turning_net import train_turning
+
+    result: list[tuple[str, float]] = []
+    card = train_turning(tmp_path / "run", 6, 2, 1, 1, lambda text, share: result.append((text, share)))
+    assert json.loads((tmp_path / "run" / "card.json").read_text(encoding="utf-8")) == card
+    assert card["images"] == {"train": 30, "validation": 6}
+    assert [share for text, share in result if text.startswith("turning: epoch")] == [0.5, 1.0]
+    share = load_turning(tmp_path / "run" / "model.onnx").share(np.zeros((100, 80, 3), np.float32))
+    assert share.shape == (50, 40)
+    with pytest.raises(InputError, match="not empty"):
+        train_turning(tmp_path / "run", 2, 1, 0, 1, lambda *_: None)

@@ -1,4 +1,7 @@
-"""Lifts as training data: wrench at the wrist, tactile frames, and the true rotation of the object."""
+"""Lifts as training data: wrench at the wrist, tactile frames, and the true rotation of the object.
+
+Used by `tools/angle_nets.py`. To train on lifts, run `python tools/train_angle.py --help`.
+"""
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -12,9 +15,9 @@ from numpy.typing import NDArray
 from drivers.clock import to_ns
 from drivers.errors import GraspError, InputError
 from drivers.types import ArmState, Frame, Image, Pose
+from learning_bench import LearningBench, build_learning_bench
 from protocols.observer import LiftObserver, Phase
 from protocols.slip_trial import run_lift
-from rig.bench.learning import LearningBench, build_learning_bench
 from rig.config import load_bench
 from rig.experiments.lift_plan import LiftTask, TrialSettings, derived_seed, plan_lift
 from rig.lift.object_angle import ZERO_S
@@ -60,7 +63,7 @@ class GelViews:
         return GelViews(self.images[at], self.angle_deg[at], tuple(self.objects[i] for i in at))
 
 
-def stacked_views(views: Sequence[tuple[str, Image, float]], where: str) -> GelViews:
+def stack_views(views: Sequence[tuple[str, Image, float]], where: str) -> GelViews:
     """Stack views (object, image, angle) of one size. Raises `InputError` if there are none."""
     if not views:
         raise InputError(
@@ -134,14 +137,14 @@ def stored_lifts(folders: Sequence[Path]) -> list[LearntLift]:
         for row in finished(read_lifts(folder)):
             path = folder / row.recording
             phases, turn = phase_times(path), recorded_truth(path).at_ns
-            states, frames = partial(recorded_arm_states, path), partial(_thinned, path)
+            states, frames = partial(recorded_arm_states, path), partial(_thin, path)
             lifts.append(LearntLift(row.object, manifest.signs, phases, turn, states, frames))
     if not lifts:
         raise InputError(f"{', '.join(map(str, folders))}: no finished lift: run rig trial first")
     return lifts
 
 
-def _thinned(recording: Path, serial: str) -> Iterator[Frame]:
+def _thin(recording: Path, serial: str) -> Iterator[Frame]:
     due_ns = 0
     for frame in recorded_frames(recording, serial):
         if frame.time_ns >= due_ns:

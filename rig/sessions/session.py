@@ -34,6 +34,8 @@ from rig.sessions.rows import read_rows
 from rig.sessions.unfinished import name_interrupted, set_aside
 
 Row = TypeVar("Row")
+BEGINNING = MANIFEST + ".part"
+"""A manifest that is not complete: its session was killed when it began."""
 SESSIONS = Path("sessions")
 """Default folder of new sessions."""
 
@@ -176,9 +178,9 @@ def open_session(folder: Path, wanted: Manifest, codec: Codec[Row], resume: bool
         return session
     if folder.exists() and not folder.is_dir():
         raise InputError(f"{folder} is a file: give another --out")
-    # a session that was killed before its manifest was complete leaves only these files
-    beginning = (LOCK, MANIFEST + ".part", CALIBRATIONS)
-    if folder.exists() and any(path.name not in beginning for path in folder.iterdir()):
+    # calibrations without the beginning of a manifest are a user's
+    left = {path.name for path in folder.iterdir()} if folder.exists() else set()
+    if not left <= ({LOCK, BEGINNING, CALIBRATIONS} if BEGINNING in left else {LOCK}):
         raise InputError(f"{folder} is not empty and contains no session: give another --out")
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -187,16 +189,20 @@ def open_session(folder: Path, wanted: Manifest, codec: Codec[Row], resume: bool
     if not os.access(folder, os.W_OK):
         raise InputError(f"{folder}: cannot be written; give another --out")
     if isinstance(wanted, BenchManifest):
-        _store_calibrations(folder / CALIBRATIONS, wanted.config.calibrations)
+        _store_calibrations(folder, wanted.config.calibrations)
     write_json(folder / MANIFEST, json_value(wanted))
     return Session(folder, wanted, codec, begun_here=True)
 
 
 def _store_calibrations(folder: Path, calibrations: Calibrations) -> None:
     """Copy the calibration files in use, if there are any. Raises `RecordingError`."""
-    for name, content in calibrations.contents():
-        folder.mkdir(exist_ok=True)
-        write_file(folder / name, content)
+    try:
+        (folder / BEGINNING).touch()
+        for name, content in calibrations.contents():
+            (folder / CALIBRATIONS).mkdir(exist_ok=True)
+            write_file(folder / CALIBRATIONS / name, content)
+    except OSError as error:
+        raise not_written(folder, error) from error
 
 
 def newest_unfinished(kind: str, bench: str | None, folder: Path | None = None) -> Path:

@@ -5,6 +5,7 @@ import json
 import re
 import subprocess
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from hashlib import sha256
 from pathlib import Path
 
@@ -14,12 +15,14 @@ import pytest
 
 from calibration.store import CalibrationFile, load, read_yaml
 from calibration.verdict import Verdict
+from drivers.clock import to_ns
 from drivers.images import read_image
-from drivers.types import Pose
+from drivers.types import Frame, Pose
 from fakes.devices.camera import unit_seed
 from fakes.gel.sensor import GelSensor
 from fakes.world.fixture import tip_m
 from fakes.world.kinematics import TOOL_LENGTH_M
+from rig.calibrate.clocks import WiggleObserver
 from rig.calibrate.samples import pose_row
 from rig.config import load_bench
 from rig.config.write import write_bench
@@ -102,11 +105,16 @@ def check_tcp(made: Sequence[CalibrationFile], _: Path) -> None:
     assert value["tip_from_tcp_m"] == pytest.approx(list(tip_m(0)), abs=1e-3)
 
 
+CAMERA_LATE_S = 0.020
+"""Delay of the camera's frames while the clocks are compared."""
+
+
 def check_sync(made: Sequence[CalibrationFile], _: Path) -> None:
     assert [each.serials["stream"] for each in made] == ["SIM-C0001", "SIM-D0001", "SIM-D0002"]
     for each in made:
+        truth = -CAMERA_LATE_S if each.serials["stream"] == "SIM-C0001" else 0.0
         assert each.assessment.verdict is Verdict.GOOD, each.assessment
-        assert each.value["add_to_stream_s"] == pytest.approx(0.0, abs=1e-3)
+        assert each.value["add_to_stream_s"] == pytest.approx(truth, abs=1e-3)
 
 
 CAMERA = """\
@@ -117,7 +125,7 @@ distortion_coefficients: {data: [0, 0, 0, 0, 0]}
 camera_matrix: {data: [640, 0, 319.5, 0, 640, 239.5, 0, 0, 1]}
 """
 ON_BENCH = (
-    ("camera", check_camera, "--bench fake", "", 6),
+    ("camera", check_camera, "--bench fake", "--serial C1", 6),
     ("hand-eye", check_hand_eye, "--bench fake --poses 8", "--camera camera.yaml", 3),
     ("markers", check_markers, "--bench fake", "--camera camera.yaml", 1),
     ("tactile", check_tactile, "--bench light.toml --ball-mm 12 --presses 9", "", 3),
@@ -137,6 +145,13 @@ def test_bench_is_calibrated_and_its_samples_give_the_same_file_again(
     pictures: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
 ) -> None:  # fmt: skip
     monkeypatch.chdir(tmp_path)
+    observe = WiggleObserver.frame
+
+    def delay_camera(self: WiggleObserver, frame: Frame) -> None:
+        late_ns = to_ns(CAMERA_LATE_S) if frame.serial == "SIM-C0001" else 0
+        observe(self, replace(frame, time_ns=frame.time_ns + late_ns))
+
+    monkeypatch.setattr(WiggleObserver, "frame", delay_camera)
     write_bench(Path("light.toml"), lighter())
     Path("camera.yaml").write_text(CAMERA)
     done = json.loads(calibrate(kind, *on_bench.split(), "--out", "done", "--json").stdout)["calibrations"]
@@ -149,6 +164,8 @@ def test_bench_is_calibrated_and_its_samples_give_the_same_file_again(
     assert again["numbers"] == done[0]["numbers"]
     files = [Path(each["file"]) for each in (done[0], again)]
     inputs = [load(file, kind).inputs for file in files]
+    if kind == "camera":
+        assert load(files[1], kind).serials == {"camera": "C1"}
     assert inputs[0]["sha256"] == inputs[1]["sha256"] != sha256().hexdigest()
     compared = calibrate("compare", *files, "--json")
     if kind in ("markers", "tactile"):
@@ -165,6 +182,7 @@ def test_refused_camera_calibration_writes_a_page_and_exits_with_2(tmp_path: Pat
     done = calibrate("camera", "--from", few, "--target", "chessboard:9x6:25", "--out", tmp_path)
     assert done.returncode == 2
     assert "0 usable distinct views" in done.stderr
+    assert "left out 2 (00.png, 01.png)" in done.stderr
     assert "refused" in (tmp_path / "camera-unknown.html").read_text()
     assert read_yaml(tmp_path / "camera-unknown.yaml")["calibration"]["verdict"] == "refused"
 
@@ -212,6 +230,7 @@ def test_gel_is_calibrated_from_presses(tmp_path: Path) -> None:
     (tmp_path / "catalog.csv").write_text("\n".join(rows))
     done = figures("tactile", "--from", tmp_path, "--serial", "D1", "--out", tmp_path / "out")
     assert done["used"] == 12
+    assert load(Path(done["file"]), "tactile").serials == {"tactile": "D1"}
     page_is_whole(done["page"], 3)
 
 
@@ -256,6 +275,10 @@ def test_tip_poses_need_a_stated_frame_and_a_far_tip_must_be_accepted(tmp_path: 
     page = Path(found["page"]).read_text()
     for text in (*found["numbers"].values(), "tcp_m of the bench file"):
         assert text in page
+    write_tip_poses(tmp_path, poses, "flange")
+    value = figures(*command)["value"]
+    assert value["translation_m"] == pytest.approx(tip.tolist(), abs=1e-3)
+    assert "bench_file_tcp_m" not in value
 
 
 @pytest.mark.heavy

@@ -1,5 +1,6 @@
 """Benches that lack parts, or mix simulated and real devices: rejected files, needs of commands."""
 
+import re
 from itertools import combinations
 from pathlib import Path
 
@@ -57,11 +58,22 @@ def test_one_sensor_is_a_bench_whose_missing_sections_are_named() -> None:
     assert not config.has("arm")
     with pytest.raises(InputError, match=r"bench 'desk' has no \[arm\]: add it to the bench file"):
         config.require("arm")
-    with pytest.raises(
-        InputError, match=r"needs \[arm\], \[gripper\], two \[\[tactile\]\] and \[camera\], which"
-    ):
-        require_parts(config, "rig trial")
     assert BenchConfig.model_validate(config.model_dump(mode="json")) == config
+
+
+def test_each_command_that_one_sensor_cannot_serve_lists_the_missing_sections() -> None:
+    config = parse_bench(DESK, "b.toml")
+    whole, calibrate = "[arm], [gripper], two [[tactile]] and [camera]", "rig calibrate"
+    wanted = dict.fromkeys(("rig trial", "rig record", "rig teach", f"{calibrate} gripper"), whole)
+    wanted |= {f"{calibrate} tactile --ball-mm": whole, f"{calibrate} tcp": "[arm] and [gripper]"}
+    wanted |= {f"{calibrate} hand-eye": "[arm], [gripper] and [camera]"}
+    wanted |= dict.fromkeys((f"{calibrate} {kind}" for kind in ("camera", "markers", "sync")), "[camera]")
+    works = ["rig doctor", "rig live", "rig record --by hand", f"{calibrate} tactile"]
+    assert [*working(config)] == works
+    assert {*wanted} == {*NEEDS} - {*works}
+    for command, needs in wanted.items():
+        with pytest.raises(InputError, match=re.escape(f"{command} needs {needs}, which bench 'desk' lacks")):
+            require_parts(config, command)
 
 
 @pytest.mark.parametrize("text", [FAKE, REAL], ids=["fake", "real"])

@@ -2,11 +2,11 @@
 
 Every message names the device or file, what was seen, and what to do about it. The command
 line maps the branches to exit codes (0 done, 1 rig fault, 2 usage or input, 3 stopped by the
-operator), so an error raised anywhere reaches the user as one line.
+operator), so an error raised anywhere reaches the user as one line, or as a line for each fault of a file.
 """
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from difflib import get_close_matches
 from pathlib import Path
@@ -93,6 +93,14 @@ class InputError(RigError):
 
 class FormatError(InputError):
     """A file does not follow its format, or exceeds the size limit of that format."""
+
+
+class FileFaultsError(InputError):
+    """A file has faults. lines: the message, a line for each fault, with its place."""
+
+    def __init__(self, lines: Sequence[str]) -> None:
+        super().__init__("\n".join(lines))
+        self.lines = tuple(lines)
 
 
 class SessionError(InputError):

@@ -7,11 +7,11 @@ import pytest
 
 END_TO_END = {
     "tests/cli/test_calibrate.py": (
-        "test_camera_is_calibrated_on_the_simulated_bench_and_again_from_its_files",
-        "test_hand_eye_is_calibrated_on_the_simulated_bench_and_again_from_its_files",
-        "test_markers_are_assessed_on_the_simulated_bench_and_again_from_its_files",
+        "test_bench_is_calibrated_and_its_samples_give_the_same_file_again[camera]",
+        "test_bench_is_calibrated_and_its_samples_give_the_same_file_again[hand-eye]",
+        "test_bench_is_calibrated_and_its_samples_give_the_same_file_again[markers]",
         "test_gel_is_calibrated_from_presses",
-        "test_opening_tip_and_clocks_are_calibrated_from_files",
+        "test_opening_and_clocks_are_calibrated_from_files",
     ),
     "tests/cli/test_commands.py": (
         "test_trial_prints_one_json_object_and_is_marked_simulated",
@@ -71,6 +71,7 @@ END_TO_END = {
 
 
 def is_end_to_end(item: pytest.Item) -> bool:
-    """Whether a test is listed in `END_TO_END`."""
+    """Whether a test is listed in `END_TO_END`, alone or with the name of its parameters."""
     file, _, test = item.nodeid.partition("::")
-    return test.partition("[")[0].partition("@")[0] in END_TO_END.get(file, ())
+    name = test.partition("@")[0]
+    return not {name, name.partition("[")[0]}.isdisjoint(END_TO_END.get(file, ()))

@@ -233,10 +233,16 @@ def change_by_slope(look: GelLook, slope: float) -> NDArray[np.float32]:
     return np.stack([slopes.change(ramp.astype(np.float32)) for ramp in ramps], axis=-1)
 
 
+def look_file(path: Path) -> Path:
+    """Return the .npz file of a look: the given file, or the one that a YAML file names."""
+    if path.suffix not in (".yaml", ".yml"):
+        return path
+    return path.parent / str(load(path, "tactile").value.get("look", f"{path.stem}.npz"))
+
+
 def load_look(path: Path) -> GelLook:
     """Read a look: the .npz file, or the YAML file beside it. Raises `CalibrationError`."""
-    if path.suffix in (".yaml", ".yml"):
-        path = path.parent / str(load(path, "tactile").value.get("look", f"{path.stem}.npz"))
+    path = look_file(path)
     try:
         data = io.BytesIO(path.read_bytes())
         with zipfile.ZipFile(data) as archive:

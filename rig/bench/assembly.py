@@ -10,7 +10,6 @@ from calibration.targets.sheets import target_picture
 from drivers.bench import Bench, Fingertip, Hand, missing_device
 from drivers.clock import Clock, SystemClock, to_ns
 from drivers.interfaces import Arm, Camera, Gripper, TactileSensor
-from drivers.named_classes import is_class_name
 from drivers.types import HandState, Holding, Image, Pose
 from fakes.clock import SimulatedClock
 from fakes.devices.arm import FakeArm
@@ -26,7 +25,19 @@ from rig.bench.operators import SimulatedOperator
 from rig.bench.own_devices import own_arm, own_gripper, own_source
 from rig.bench.twins import laid_as, look_of
 from rig.config import BenchConfig
-from rig.config.fields import GripperLimitsConfig
+from rig.config.devices import (
+    DrawnTactileSection,
+    FakeArmConfig,
+    FakeCameraConfig,
+    FakeGripperConfig,
+    FakeTactileConfig,
+    GripperLimitsConfig,
+    OwnArmConfig,
+    OwnCameraConfig,
+    OwnGripperConfig,
+    OwnTactileConfig,
+    RobotiqRtuConfig,
+)
 
 LED_S = 3.0
 """Time that a simulated person takes to lead the arm to a place."""
@@ -79,12 +90,12 @@ def build_bench(
 
 
 def simulated_arm(config: BenchConfig, world: World, clock: Clock, faults: FaultScript) -> FakeArm:
-    return FakeArm(world, clock, faults, config.arm_limits(), config.arm.limits.joint_limits_rad())
+    return FakeArm(world, clock, faults, config.arm_limits(), config.require("arm").limits.joint_limits_rad())
 
 
 def home_pose(config: BenchConfig) -> Pose:
     """Return `base_T_tcp` of the home pose: position from the bench file, tool pointing down."""
-    return Pose.from_rotation(config.arm.home_m, TOOL_DOWN)
+    return Pose.from_rotation(config.require("arm").home_m, TOOL_DOWN)
 
 
 def true_masks(bench: Bench) -> dict[str, Callable[[int], Image]]:
@@ -122,6 +133,12 @@ class _Devices:
     faults: FaultScript
     variation_seed: int | None = None
 
+    @property
+    def _world(self) -> World:
+        if self.world is None:
+            raise ValueError("simulated devices need a world")
+        return self.world
+
     def bench(self, hand: Hand) -> Bench:
         config, layout = self.config, simulated_layout(self.config)
         has_camera = config.has("camera")
@@ -142,11 +159,11 @@ class _Devices:
         )
 
     def _arm(self) -> Arm:
-        config, arm = self.config, self.config.arm
-        if arm.driver == "fake" and self.world is not None:
-            return simulated_arm(config, self.world, self.clock, self.faults)
-        if is_class_name(arm.driver):
-            return own_arm(config, self.clock)
+        config, arm = self.config, self.config.require("arm")
+        if isinstance(arm, FakeArmConfig):
+            return simulated_arm(config, self._world, self.clock, self.faults)
+        if isinstance(arm, OwnArmConfig):
+            return own_arm(arm, config.arm_limits(), self.clock)
         from drivers.ur5e.arm import UR5e
 
         return UR5e(
@@ -161,27 +178,26 @@ class _Devices:
         )
 
     def _gripper(self) -> Gripper:
-        gripper, spec = self.config.gripper, self.config.gripper_spec()
-        if gripper.driver == "fake" and self.world is not None:
-            return FakeGripper(self.world, self.clock, self.faults, spec, gripper.period_s)
-        if is_class_name(gripper.driver):
-            return own_gripper(self.config, self.clock)
+        gripper, spec = self.config.require("gripper"), self.config.gripper_spec()
+        if isinstance(gripper, FakeGripperConfig):
+            return FakeGripper(self._world, self.clock, self.faults, spec, gripper.period_s)
+        if isinstance(gripper, OwnGripperConfig):
+            return own_gripper(gripper, spec, self.clock)
         from drivers.robotiq_3f.gripper import Robotiq3F, rtu_link, tcp_link
 
-        if gripper.transport == "rtu":
+        if isinstance(gripper, RobotiqRtuConfig):
             link = rtu_link(gripper.device or "")
         else:
-            link = tcp_link(gripper.host or "", gripper.port, gripper.preset or "tcp")
+            link = tcp_link(gripper.host or "", gripper.port, gripper.preset)
         return Robotiq3F(link, gripper.fingers, spec, self.clock, open_counts=gripper.limits.min_counts)
 
     def _tactile(self, number: int) -> TactileSensor:
         tactile = self.config.tactile[number]
-        if tactile.driver == "fake" and self.world is not None:
-            plan = replace(
-                _digit_plans(self.config)[number].slowed(self.world.seed), variation_seed=self.variation_seed
-            )
-            return plan.make(self.world, self.clock, self.faults)
-        if is_class_name(tactile.driver):
+        if isinstance(tactile, FakeTactileConfig):
+            world, plan = self._world, _digit_plans(self.config)[number]
+            plan = replace(plan.slowed(world.seed), variation_seed=self.variation_seed)
+            return plan.make(world, self.clock, self.faults)
+        if isinstance(tactile, OwnTactileConfig):
             return own_source(tactile, self.clock)
         from drivers.video.digit import Digit
 
@@ -190,10 +206,10 @@ class _Devices:
         )
 
     def _camera(self) -> Camera:
-        camera = self.config.camera
-        if camera.driver == "fake" and self.world is not None:
-            return _camera_plan(self.config).make(self.world, self.clock, self.faults)
-        if is_class_name(camera.driver):
+        camera = self.config.require("camera")
+        if isinstance(camera, FakeCameraConfig):
+            return _camera_plan(self.config).make(self._world, self.clock, self.faults)
+        if isinstance(camera, OwnCameraConfig):
             return own_source(camera, self.clock)
         from drivers.video.external_camera import ExternalCamera
 
@@ -208,9 +224,10 @@ def simulated_bench_plan(config: BenchConfig) -> BenchPlan:
 
 def simulated_layout(config: BenchConfig) -> BenchLayout:
     """Return the layout of a bench; values that its file lacks are those of the bench `fake`."""
-    fingers = config.gripper.limits if config.has("gripper") else GripperLimitsConfig()
+    limits = None if config.gripper is None else config.gripper.limits
+    fingers = limits if isinstance(limits, GripperLimitsConfig) else GripperLimitsConfig()
     return BenchLayout(
-        Pose(config.table.position_m if config.has("table") else TABLE_M),
+        Pose(TABLE_M if config.table is None else config.table.position_m),
         home_pose(config) if config.has("arm") else Pose.from_rotation(HOME_M, TOOL_DOWN),
         open_counts=fingers.min_counts,
         max_opening_m=fingers.max_opening_m,
@@ -231,11 +248,12 @@ def _digit_plans(config: BenchConfig) -> tuple[DigitPlan, ...]:
             look=look_of(t),
         )
         for number, t in enumerate(config.tactile)
+        if isinstance(t, DrawnTactileSection)
     )
 
 
 def _camera_plan(config: BenchConfig) -> CameraPlan:
-    camera = config.camera
+    camera = config.require("camera")
     return CameraPlan(
         camera.serial,
         camera.rate_hz,

@@ -22,6 +22,7 @@ from rig.bench.identity import prove_simulated
 from rig.bench.operators import SimulatedOperator
 from rig.bench.twins import laid_as
 from rig.config import BenchConfig
+from rig.config.devices import RobotiqConfig, RobotiqRtuConfig
 
 START_S = 150.0
 """Time limit for the start of the simulated devices: longer than a loaded host takes."""
@@ -54,9 +55,10 @@ def hosted_fakes(
     host = host or free_address()
     require_free(host)
     with tempfile.TemporaryDirectory(prefix="rig-fakes-") as folder, realtime():
-        gripper = config.gripper
-        rtu = str(Path(folder) / "gripper") if gripper.transport == "rtu" else None
-        wire = WirePlan(polyscope, gripper.fingers, gripper.preset or "tcp", rtu)
+        gripper = config.require("gripper")
+        rtu = str(Path(folder) / "gripper") if isinstance(gripper, RobotiqRtuConfig) else None
+        preset = gripper.preset if isinstance(gripper, RobotiqConfig | RobotiqRtuConfig) else "tcp"
+        wire = WirePlan(polyscope, gripper.fingers, preset, rtu)
         fakes = FakesHost(simulated_bench_plan(config), wire, host, seed, slowness)
         try:
             yield addressed(config, fakes.start()), fakes
@@ -105,7 +107,7 @@ def addressed(config: BenchConfig, where: Addresses) -> BenchConfig:
         values["gripper"]["host"], values["gripper"]["port"] = where.gripper
     for sensor in (*values["tactile"], values["camera"]):
         sensor["address"] = where.streams[sensor["serial"]]
-    return BenchConfig.model_validate(values)
+    return BenchConfig.model_validate({**values, "calibrations": config.calibrations})
 
 
 def fakes_control(config: BenchConfig) -> Control:

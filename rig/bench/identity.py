@@ -13,6 +13,7 @@ from drivers.clock import is_loopback
 from drivers.errors import DeviceError, InputError
 from fakes.wire.net import Control
 from rig.config import BenchConfig
+from rig.config.devices import DigitConfig, RobotiqConfig, RobotiqRtuConfig, UR5eConfig, VideoCameraConfig
 
 
 def prove_simulated(config: BenchConfig) -> None:
@@ -52,11 +53,13 @@ def _doubts(config: BenchConfig) -> Iterator[str]:
 
 def _driven(config: BenchConfig) -> Iterator[tuple[str, Any, str | None]]:
     """Yield each device, its address in the bench file (as JSON), and its host (None for a path)."""
-    yield "arm", config.arm.host, config.arm.host or ""
-    gripper = config.gripper
-    if gripper.transport == "rtu":
-        yield "gripper", gripper.device, None
-    else:
-        yield "gripper", [gripper.host, gripper.port], gripper.host or ""
-    for sensor in (*config.tactile, config.camera):
-        yield sensor.serial, sensor.address, urlsplit(sensor.address or "").hostname or ""
+    for where, device in config.devices:
+        name = getattr(device, "serial", str(where[0]))
+        if isinstance(device, UR5eConfig):
+            yield name, device.host, device.host or ""
+        elif isinstance(device, RobotiqConfig):
+            yield name, [device.host, device.port], device.host or ""
+        elif isinstance(device, RobotiqRtuConfig):
+            yield name, device.device, None
+        elif isinstance(device, DigitConfig | VideoCameraConfig):
+            yield name, device.address, urlsplit(device.address or "").hostname or ""

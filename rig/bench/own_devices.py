@@ -27,8 +27,7 @@ from drivers.motion import check_motion, check_way
 from drivers.named_classes import named_class, raised_text
 from drivers.types import ArmLimits, ArmState, Frame, GripperSpec, GripperState, Pose
 from drivers.values import require_fraction, require_integer
-from rig.config import BenchConfig, CameraConfig, TactileConfig
-from rig.config.models import DeviceConfig
+from rig.config.devices import OwnArmConfig, OwnCameraConfig, OwnGripperConfig, OwnTactileConfig
 
 ARM_STALE_S, GRIPPER_STALE_S = 0.4, 0.9
 """Largest age of a state, as in the rig's own drivers (`drivers.ur5e.link`, `drivers.robotiq_3f.modbus`)."""
@@ -231,13 +230,12 @@ MAY_BE_IGNORED = frozenset({"fingers", "size_px"})
 """Keys that the bench file always has, and that a constructor need not accept."""
 
 
-def own_arm(config: BenchConfig, clock: Clock) -> Arm:
+def own_arm(arm: OwnArmConfig, limits: ArmLimits, clock: Clock) -> Arm:
     """Create a user-defined arm. Raises `InputError`.
 
     Its constructor must accept limits, flange_T_tcp, payload_kg and payload_cog_m, as `UR5e`. It may accept
     host, frequency_hz, joint_limits_rad (lowest and highest, rad) and clock.
     """
-    arm, limits = config.arm, config.arm_limits()
     needed = {"limits": limits, "flange_T_tcp": arm.flange_T_tcp()}
     needed |= {"payload_kg": arm.payload_kg, "payload_cog_m": arm.payload_cog_m}
     known = {"host": arm.host, "frequency_hz": arm.frequency_hz, "clock": clock}
@@ -247,33 +245,32 @@ def own_arm(config: BenchConfig, clock: Clock) -> Arm:
     return cast(Arm, CheckedArm(driver, arm.driver, limits, clock))
 
 
-def own_gripper(config: BenchConfig, clock: Clock) -> Gripper:
+def own_gripper(own: OwnGripperConfig, spec: GripperSpec, clock: Clock) -> Gripper:
     """Create a user-defined gripper. Raises `InputError`.
 
     Its constructor must accept spec. It may accept host, port, device, transport, preset, fingers and clock.
     """
-    own, spec = config.gripper, config.gripper_spec()
     keys = ("host", "port", "device", "transport", "preset", "fingers")
     known = {key: getattr(own, key) for key in keys} | {"clock": clock}
     driver = _made("gripper", own, Gripper, GRIPPER_METHODS, {"spec": spec}, known)
     return cast(Gripper, CheckedGripper(driver, own.driver, spec, clock))
 
 
-def own_source(config: TactileConfig | CameraConfig, clock: Clock) -> TactileSensor:
+def own_source(config: OwnTactileConfig | OwnCameraConfig, clock: Clock) -> TactileSensor:
     """Create a user-defined tactile sensor or camera. Raises `InputError`.
 
     Its constructor must accept serial and rate_hz. It may accept address, size_px (width, height) and clock.
     """
     serial, rate_hz = config.serial, config.rate_hz
     known = {"address": config.address, "size_px": config.size_px, "clock": clock}
-    kind = TactileSensor if isinstance(config, TactileConfig) else FrameSource
+    kind = TactileSensor if isinstance(config, OwnTactileConfig) else FrameSource
     driver = _made(serial, config, kind, SOURCE_METHODS, {"serial": serial, "rate_hz": rate_hz}, known)
     return cast(TactileSensor, CheckedSource(driver, config.driver, serial, rate_hz, config.size_px))
 
 
 def _made(
     device: str,
-    section: DeviceConfig,
+    section: OwnArmConfig | OwnGripperConfig | OwnTactileConfig | OwnCameraConfig,
     protocol: type[Any],
     methods: Iterable[str],
     needed: Mapping[str, Any],

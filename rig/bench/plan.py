@@ -7,10 +7,10 @@ import numpy as np
 
 from drivers.errors import OutOfLimitsError
 from drivers.motion import check_way, position_text
-from drivers.named_classes import is_class_name
 from drivers.types import Pose
 from rig.bench.assembly import TOOL_DOWN
 from rig.config import BenchConfig
+from rig.config.devices import OwnArmConfig
 
 ARM_REACH_M = 0.85
 """Reach of a UR5e from its shoulder to the flange (data sheet)."""
@@ -56,7 +56,7 @@ def make_plan(config: BenchConfig, head: Sequence[str], motions: Sequence[Planne
     lines = [*head, *(f"  {_line(config, motion)}" for motion in motions)]
     if motions:
         lines += _limits(config)
-    if config.has("arm") and not config.arm.force_sensor:
+    if config.arm is not None and not config.arm.force_sensor:
         lines.append(UNGUARDED)
     refused = (_refused(config, motion) for motion in motions)
     return Plan(tuple(lines), tuple(reason for reason in refused if reason))
@@ -64,7 +64,7 @@ def make_plan(config: BenchConfig, head: Sequence[str], motions: Sequence[Planne
 
 def _line(config: BenchConfig, motion: PlannedMotion) -> str:
     x, y, z = motion.base_T_tcp.position_m
-    height_m = z - config.table.position_m[2]
+    height_m = z - config.require("table").position_m[2]
     tilt = (motion.base_T_tcp.rotation * TOOL_DOWN.inv()).as_rotvec(degrees=True)
     turns = ", ".join(f"{angle:+.1f}" for angle in tilt)
     return (
@@ -74,15 +74,15 @@ def _line(config: BenchConfig, motion: PlannedMotion) -> str:
 
 
 def _reach_m(config: BenchConfig, motion: PlannedMotion) -> float:
-    flange = config.arm.flange_T_tcp().inverse()
+    flange = config.require("arm").flange_T_tcp().inverse()
     ends = [(pose @ flange).position_m for pose in (motion.base_T_tcp, *motion.way)]
     return float(np.linalg.norm(np.subtract(ends, SHOULDER_M), axis=1).max())
 
 
 def _limits(config: BenchConfig) -> list[str]:
     arm, fingers = config.arm_limits(), config.gripper_spec()
-    joints = config.arm.limits
-    reach = "" if is_class_name(config.arm.driver) else f"reach {ARM_REACH_M:g} m, "
+    joints = config.require("arm").limits
+    reach = "" if isinstance(config.arm, OwnArmConfig) else f"reach {ARM_REACH_M:g} m, "
     boxes = [f"{b.name} {position_text(b.min_m)} to {position_text(b.max_m)} m" for b in arm.keep_out]
     force = "no force limit" if arm.max_contact_force_n is None else f"{arm.max_contact_force_n:g} N"
     return [
@@ -111,7 +111,7 @@ def _refused(config: BenchConfig, motion: PlannedMotion) -> str | None:
             raise OutOfLimitsError(
                 f"arm: {motion.speed_m_s:.3f} m/s is more than {limits.max_speed_m_s:g} m/s"
             )
-        if reach_m > ARM_REACH_M and not is_class_name(config.arm.driver):
+        if reach_m > ARM_REACH_M and not isinstance(config.arm, OwnArmConfig):
             raise OutOfLimitsError(
                 f"arm: the flange would be {reach_m:.2f} m away, it reaches {ARM_REACH_M:g} m"
             )

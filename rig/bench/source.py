@@ -342,8 +342,7 @@ def _memory_of(config: BenchConfig) -> HandMemory | None:
     started = config.in_process or (config.fakes is not None and config.fakes.control is None)
     if started or not (config.has("arm") or config.has("gripper")):
         return None
-    host = config.arm.host if config.has("arm") else None
-    return HandMemory(host or f"bench {config.name}")
+    return HandMemory(getattr(config.arm, "host", None) or f"bench {config.name}")
 
 
 def reserved(config: BenchConfig) -> AbstractContextManager[None]:

@@ -9,10 +9,11 @@ from calibration.gel.look import GelLook, load_look
 from drivers.errors import CalibrationError, InputError
 from fakes.objects.catalogue import PREFIX
 from protocols.grasps import GraspFile, Position
-from rig.config import BenchConfig, TactileConfig
+from rig.config import BenchConfig
+from rig.config.devices import DrawnTactileSection
 
 
-def look_of(tactile: TactileConfig) -> GelLook | None:
+def look_of(tactile: DrawnTactileSection) -> GelLook | None:
     """Return the look that a bench file names for a sensor; None if it names none.
 
     Raises `CalibrationError` for a file that cannot be read, or is of another image size.

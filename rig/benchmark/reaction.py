@@ -106,7 +106,7 @@ def measure(options: ReactionOptions, run: Run) -> Report:
       rig benchmark reaction --react stop --object wrench --lifts 3 --json
     """
     bench = load_bench("fake")
-    late = bench.gripper.model_copy(update={"period_s": GRIPPER_PERIOD_S})
+    late = bench.require("gripper").model_copy(update={"period_s": GRIPPER_PERIOD_S})
     bench = bench.model_copy(update={"gripper": late})
     slip = SlipSettings(options.alarms_per_hour, options.max_turn_deg)
     kind = ReactionKind(options.react)

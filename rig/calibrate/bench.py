@@ -64,7 +64,7 @@ class Station:
 
         Raises `CalibrationError` if the file is damaged, or if its calibration was refused.
         """
-        camera = self.config.camera
+        camera = self.config.require("camera")
         known = self.folder / f"camera-{camera.serial}.yaml"
         if known.is_file():
             self.say(f"camera as in {known}")
@@ -188,5 +188,5 @@ def grasp_at(config: BenchConfig, x_m: float = 0.0, z_m: float = 0.0) -> Pose:
 
     Without [table] the mark is that of the bench `fake`: nothing is driven there.
     """
-    mark_m = config.table.position_m if config.has("table") else TABLE_M
+    mark_m = TABLE_M if config.table is None else config.table.position_m
     return Pose.from_rotation(Pose(mark_m).translated(x_m=x_m, z_m=z_m).position_m, TOOL_DOWN)

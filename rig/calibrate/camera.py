@@ -55,7 +55,7 @@ from rig.calibrate.kind import (
 from rig.calibrate.result import CalibrationResult, Figure
 from rig.calibrate.samples import picture_files, write_picture
 from rig.config import BenchConfig
-from rig.config.fields import ArmLimitsConfig
+from rig.config.devices import FakeArmLimits
 from rig.declared import option
 
 _CANDIDATES = 400
@@ -327,7 +327,7 @@ def collect_camera(station: Station, options: CameraOptions) -> list[Calibration
                     None,
                 )
                 keep(HandEyeCapture(name, pose, capture_still(bench, bench.camera, 1)[0]))
-    serial = config.camera.serial
+    serial = config.require("camera").serial
     result = solve_camera(Samples(raw), replace(options, pattern="*.png", serial=serial, keep_all=False))
     return [replace(result, simulated=config.gives_simulated(serial))]
 
@@ -338,10 +338,11 @@ def _board_poses(config: BenchConfig, target: Target, count: int, seed: int) -> 
     They are chosen among poses drawn all over the picture, from near to where the camera looks, inside the
     workspace. Raises `InputError` if too few of them show the whole board.
     """
-    limits = config.arm.limits if config.has("arm") else ArmLimitsConfig()
+    limits = FakeArmLimits() if config.arm is None else config.arm.limits
     low, high = np.array(limits.workspace_min_m), np.array(limits.workspace_max_m)
     base_T_camera, rng = config.base_T_camera(), np.random.default_rng((seed, 33))  # noqa: N806 - frame names
-    half = np.divide(config.camera.size_px, 2.0 * config.camera.focal_px)
+    camera = config.require("camera")
+    half = np.divide(camera.size_px, 2.0 * camera.focal_px)
     farthest_m = config.object_distance_m()
     candidates = []
     for _ in range(_CANDIDATES):
@@ -385,7 +386,7 @@ def collect_markers(station: Station, options: MarkersOptions) -> list[Calibrati
         for number, frame in enumerate(capture_still(bench, bench.camera, _STILL_FRAMES, station.show)):
             write_picture(raw / f"{number:03d}.png", frame.image)
         station.note(f"{grasps.name}: {_STILL_FRAMES} pictures", 1, 1)
-    camera = config.camera
+    camera = config.require("camera")
     of_bench = replace(
         options,
         ids=camera.marker_ids,

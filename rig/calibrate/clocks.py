@@ -108,7 +108,7 @@ def collect_streams(station: Station, options: SyncOptions) -> list[CalibrationR
     station = station.with_objects(options.objects)
     config, raw = station.config, station.raw("sync")
     touch = _touch(config, options.object_name)
-    camera, tips = config.camera, tuple(t.serial for t in config.tactile)
+    camera, tips = config.require("camera"), tuple(t.serial for t in config.tactile)
     tracker = MarkerTracker(camera.marker_ids, camera.marker_dictionary)
     watch = WiggleObserver(tips, shown=station.show, tracker=tracker, camera=camera.serial)
     by_arm = config.moves and len(tips) > 1

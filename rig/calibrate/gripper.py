@@ -76,7 +76,7 @@ def solve_openings(samples: Samples, options: GripperOptions) -> CalibrationResu
     The unit of the table is checked against the bench's gripper, by default a Robotiq 3-Finger.
     """
     path, bench = samples.folder / "gripper.csv", samples.bench
-    step_m = STEP_M if bench is None else bench.gripper.limits.spec().resolution_m
+    step_m = STEP_M if bench is None else bench.require("gripper").limits.spec().resolution_m
     measured = []
     for line, row in read_csv_rows(path, ("counts", "opening_mm", "direction")):
         where, way = f"{path} line {line}", row["direction"]
@@ -114,11 +114,11 @@ def collect_openings(station: Station, options: GripperOptions) -> list[Calibrat
     Raises `InputError` for blocks the fingers cannot take, `OperatorStopError`, `DeviceError`.
     """
     config, blocks_mm = station.config, options.blocks_mm or _BLOCKS_MM
-    widest_mm = 1e3 * config.gripper.limits.max_opening_m - 10.0
+    widest_mm = 1e3 * config.require("gripper").limits.max_opening_m - 10.0
     if min(blocks_mm) < 3.0 or max(blocks_mm) > widest_mm:
         raise InputError(f"blocks of {list(blocks_mm)} mm: between the fingers fit 3 to {widest_mm:.0f} mm")
     raw = station.raw("gripper")
-    open_counts = config.gripper.limits.min_counts
+    open_counts = config.require("gripper").limits.min_counts
     rows: list[str] = []
 
     def note(touch: Touch, steps: float, direction: str) -> None:
@@ -184,7 +184,7 @@ def solve_tip(samples: Samples, options: TipOptions) -> CalibrationResult:
     `InputError`.
     """
     path = samples.folder / "poses.csv"
-    flange_T_tcp = samples.bench and samples.bench.arm.flange_T_tcp()  # noqa: N806 - frame names keep their case
+    flange_T_tcp = samples.bench and samples.bench.require("arm").flange_T_tcp()  # noqa: N806 - frame names keep their case
     poses, rejected = _flange_poses(path, flange_T_tcp)
     found = calibrate_pivot(list(poses.items()))
     assessment, layout, pictures = found.assessment, {}, []
@@ -255,7 +255,7 @@ def collect_tip(station: Station, options: TipOptions) -> list[CalibrationResult
     `OperatorStopError` unless the operator agrees, `DeviceError`, `InputError`.
     """
     config, count = station.config, options.poses
-    flange_T_tcp = config.arm.flange_T_tcp()  # noqa: N806 - frame names keep their case
+    flange_T_tcp = config.require("arm").flange_T_tcp()  # noqa: N806 - frame names keep their case
     raw = station.raw("tcp")
     seated: list[tuple[str, Pose]] = []
 
@@ -269,7 +269,7 @@ def collect_tip(station: Station, options: TipOptions) -> list[CalibrationResult
         return x, y, z
 
     # assuming that the tool now points down
-    above = Pose(config.table.position_m).translated(z_m=FIRST_ABOVE_M).position_m
+    above = Pose(config.require("table").position_m).translated(z_m=FIRST_ABOVE_M).position_m
     planned = [Pose.from_rotation(above, turn * TOOL_DOWN) for turn in tilts(count)]
     motions = [
         PlannedMotion(f"{i:02d} tilted above the hole", pose, (pose,), SPEED_M_S)

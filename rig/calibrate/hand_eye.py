@@ -292,7 +292,7 @@ def collect_hand_eye(station: Station, options: HandEyeOptions) -> list[Calibrat
     poses = facing_poses(config, station.seed) if mount == "tool" else looking_poses(config, station.seed)
     camera = station.camera()
     session = _Session(target, camera, options.setup, poses, options.poses, station)
-    around = config.camera.look_at_m if mount == "tool" else config.table.position_m
+    around = config.require("camera").look_at_m if mount == "tool" else config.require("table").position_m
     with station.connected(
         f"The arm will visit {counted(options.poses, 'pose')} around {around} m at up to {SPEED_M_S} m/s, "
         f"tilted by up to 35 degrees, with the target {target.spec} {where}; it chooses from these "
@@ -303,7 +303,7 @@ def collect_hand_eye(station: Station, options: HandEyeOptions) -> list[Calibrat
         operator.place(f"{target.spec}@{mount}", f"target {target.spec}, firm {where}")
         capture_hand_eye(bench, session.next, session.keep, session.skip)
     write_poses(session.raw, session.rows, "tcp")
-    of_bench = replace(options, serial=config.camera.serial)
+    of_bench = replace(options, serial=config.require("camera").serial)
     result = _solve_views(session.samples, session.rejected, session.raw, camera, of_bench)
     return [replace(result, simulated=config.simulated)]
 
@@ -313,7 +313,7 @@ def facing_poses(
 ) -> list[Pose]:
     """Return tool poses near the point where the camera is aimed, turned by 10 to 35 degrees, any axis."""
     rng = np.random.default_rng((seed, 30))
-    middle = np.add(config.camera.look_at_m, (0.0, 0.0, 0.08))
+    middle = np.add(config.require("camera").look_at_m, (0.0, 0.0, 0.08))
     poses = []
     for _ in range(_CANDIDATES):
         axis = rng.normal(0, 1, 3)
@@ -335,7 +335,7 @@ def looking_poses(config: BenchConfig, seed: int) -> list[Pose]:
             np.radians(rng.uniform(5, 28)) * np.array([np.cos(way), np.sin(way), 0.0])
         )
         turn = tilt * TOOL_DOWN * Rotation.from_euler("z", rng.uniform(-50, 50), degrees=True)
-        aim = np.add(config.table.position_m, (*rng.uniform(-0.03, 0.03, 2), 0.0))
+        aim = np.add(config.require("table").position_m, (*rng.uniform(-0.03, 0.03, 2), 0.0))
         poses.append(Pose.from_rotation(aim - turn.apply([0.0, 0.0, rng.uniform(0.26, 0.36)]), turn))
     return poses
 

@@ -366,6 +366,7 @@ def collect_presses(station: Station, balls_mm: Sequence[float], count: int) -> 
     folders = {tip.serial: station.raw(f"tactile-{tip.serial}") for tip in config.tactile}
     rows: dict[str, list[str]] = {tip.serial: [] for tip in config.tactile}
     touches = [touch for mm in balls_mm for touch in _places(config, mm, count, station.seed)]
+    mark_m = config.require("table").position_m
     with station.connected(
         f"The fingers will close gently on a ball on its post, {count} times for each of "
         f"{len(balls_mm)} balls, up to {max(_REACH_MM):.0f} mm from its middle, at most "
@@ -376,7 +377,7 @@ def collect_presses(station: Station, balls_mm: Sequence[float], count: int) -> 
         watch = TouchObserver(tuple(folders), shown=station.show)
 
         def keep(touch: Touch) -> None:
-            right, _, up = np.subtract(touch.base_T_grasp.position_m, config.table.position_m) * 1e3
+            right, _, up = 1e3 * np.subtract(touch.base_T_grasp.position_m, mark_m)
             for tip in config.tactile:
                 folder, untouched = folders[tip.serial], watch.reference[tip.serial]
                 picture, background = f"{touch.id}.png", f"untouched-{touch.id}.png"

@@ -22,7 +22,8 @@ from rig.bench.plan import Plan, PlannedMotion, make_plan
 from rig.bench.source import session_bench
 from rig.bench.twins import refuse_undrawn
 from rig.calibrate.bench import TouchObserver
-from rig.config import BenchConfig, validation_text
+from rig.config import BenchConfig
+from rig.config.messages import faults_of
 from rig.experiments.lift_plan import grasp_pose
 
 BESIDE_M = 0.010
@@ -90,7 +91,7 @@ def teach(
         operator.place(lesson.grasps.id, lesson.grasps.name)
         found = []
         for name in lesson.positions:
-            found.append(_taught(lesson, name, bench, operator))
+            found.append(_teach_one(lesson, name, bench, operator))
             v = found[-1].values
             summary = (
                 f"'{name}': {1e3 * v['offset_m']:+.1f} mm along the object, {1e3 * v['height_m']:+.1f} mm "
@@ -101,7 +102,7 @@ def teach(
         return found
 
 
-def _taught(lesson: Lesson, name: str, bench: Bench, operator: Operator) -> TaughtPosition:
+def _teach_one(lesson: Lesson, name: str, bench: Bench, operator: Operator) -> TaughtPosition:
     known = next((p for p in lesson.grasps.position if p.name == name), None)
     where = grasp_pose(bench.base_T_table, known or Position(name=name, offset_m=0.0, width_m=0.03), 0.0)
     operator.look(f"Position '{name}': the fingers will open wide. Is the space around them clear?")
@@ -120,7 +121,7 @@ def _taught(lesson: Lesson, name: str, bench: Bench, operator: Operator) -> Taug
     with safe_end(bench):
         go_home(bench)
         bench.hand.note(HandState(Holding.FREE, finger_opening_m=bench.gripper.state().opening_m))
-    return judged(lesson.config, name, taught, lift_m)
+    return assess_grasp(lesson.config, name, taught, lift_m)
 
 
 def _bring(lesson: Lesson, bench: Bench, operator: Operator, question: str, where: Pose) -> Pose:
@@ -130,9 +131,10 @@ def _bring(lesson: Lesson, bench: Bench, operator: Operator, question: str, wher
     return lead_by_hand(bench, operator, question, where, lesson.limit_s)
 
 
-def judged(config: BenchConfig, name: str, taught: Taught, lift_m: float) -> TaughtPosition:
+def assess_grasp(config: BenchConfig, name: str, taught: Taught, lift_m: float) -> TaughtPosition:
     """Return the entry of an object file for a grasp, and the problems with it."""
-    x, y, z = (float(v) for v in np.subtract(taught.base_T_grasp.position_m, config.table.position_m))
+    mark_m = config.require("table").position_m
+    x, y, z = (float(v) for v in np.subtract(taught.base_T_grasp.position_m, mark_m))
     x_axis = taught.base_T_grasp.rotation.apply([1.0, 0.0, 0.0])
     turn_deg = float(np.degrees(np.arctan2(x_axis[2], x_axis[0])))
     straight = Rotation.from_euler("y", -turn_deg, degrees=True) * TOOL_DOWN
@@ -149,9 +151,10 @@ def judged(config: BenchConfig, name: str, taught: Taught, lift_m: float) -> Tau
     try:
         place = Position.model_validate({"name": name, **values})
     except ValidationError as error:
-        return TaughtPosition(name, values, (*problems, validation_text(error)))
+        faults = (f"{'.'.join(map(str, key))}: {why}" for key, why in faults_of(error, Position))
+        return TaughtPosition(name, values, (*problems, *faults))
     # why a trial would refuse this position: reach, limits, table, boxes; room for the fingers
-    grasp = grasp_pose(Pose(config.table.position_m), place, 0.0)
+    grasp = grasp_pose(Pose(mark_m), place, 0.0)
     way = (*way_to(home_pose(config), grasp), grasp.translated(z_m=place.lift_height_m))
     problems += make_plan(config, [], [PlannedMotion(name, grasp, way, TRAVEL_SPEED_M_S)]).refused
     try:

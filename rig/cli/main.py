@@ -1,8 +1,9 @@
-"""The `rig` command: lists the subcommands and turns errors into one line and an exit code."""
+"""The `rig` command: lists the subcommands and turns errors into a message and an exit code."""
 
 import os
 import signal
 import sys
+from collections.abc import Sequence
 from contextlib import suppress
 from functools import partial
 from importlib import import_module
@@ -10,7 +11,7 @@ from typing import Annotated, Any
 
 import typer
 
-from drivers.errors import InputError, OperatorStopError, RigError, without_passwords
+from drivers.errors import FileFaultsError, InputError, OperatorStopError, RigError, without_passwords
 from rig.cli.common import STOPS, Exit, begin_answer, emit_error, say, stop_on_signals
 from rig.cli.helping import Commands, Group, as_command
 from rig.terminal.screen import Output, begin_phase, guarded_output, plain
@@ -135,7 +136,7 @@ def main() -> None:
 
 
 def _run_and_report() -> None:
-    """Run the command; end with one line and an exit code if it fails. Signals raise errors from here on."""
+    """Run the command; end with a message and an exit code if it fails. Signals raise errors from here on."""
     try:
         stop_on_signals()
         begin_answer()
@@ -148,16 +149,17 @@ def _run_and_report() -> None:
         code = Exit.USAGE if isinstance(error, InputError) else Exit.FAULT
         if isinstance(error, OperatorStopError):
             code = Exit.STOPPED
-        _end(f"{error}{notes}", type(error).__name__, code)
+        lines = error.lines if isinstance(error, FileFaultsError) else (f"{error}{notes}",)
+        _end(lines, type(error).__name__, code)
     except ModuleNotFoundError as error:
         from rig.config.extras import WIRE, pip_line
 
         module = str(error.name).partition(".")[0]
         if module not in WIRE:
             raise
-        _end(f"this bench needs {module}: {pip_line(WIRE[module])}", "InputError", Exit.USAGE)
+        _end((f"this bench needs {module}: {pip_line(WIRE[module])}",), "InputError", Exit.USAGE)
     except OSError as error:  # an access to a file that has no error handling of its own
-        _end(f"{error.filename or 'a file'}: {error.strerror or error}", "OSError", Exit.FAULT)
+        _end((f"{error.filename or 'a file'}: {error.strerror or error}",), "OSError", Exit.FAULT)
 
 
 def _run(printed: Output) -> None:
@@ -174,11 +176,11 @@ def _run(printed: Output) -> None:
         raise
 
 
-def _end(message: str, kind: str, code: Exit) -> None:
-    """Print the error as one line without control characters or passwords, and exit."""
+def _end(lines: Sequence[str], kind: str, code: Exit) -> None:
+    """Print the lines of an error without control characters or passwords, and exit."""
     _ignore_stops()
     with suppress(OSError, ValueError):
-        text = " ".join(plain(without_passwords(message)).splitlines())
+        text = "\n".join(" ".join(plain(without_passwords(line)).splitlines()) for line in lines)
         say(f"rig: {text}")
         emit_error(text, kind, code)
     sys.exit(code)

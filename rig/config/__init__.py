@@ -1,12 +1,8 @@
 """Bench files: read and checked key by key; errors name the line."""
 
-from rig.config.load import BENCHES, load_bench, validation_text
-from rig.config.models import (
-    ArmConfig,
-    BenchConfig,
-    CameraConfig,
-    TactileConfig,
-)
+from rig.config.devices import ArmConfig, CameraConfig, TactileConfig
+from rig.config.load import BENCHES, load_bench
+from rig.config.models import BenchConfig
 
 __all__ = [
     "BENCHES",
@@ -15,5 +11,4 @@ __all__ = [
     "CameraConfig",
     "TactileConfig",
     "load_bench",
-    "validation_text",
 ]

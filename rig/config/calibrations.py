@@ -2,20 +2,16 @@
 
 from collections.abc import Callable, Mapping
 from datetime import UTC, datetime
-from hashlib import sha256
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from pydantic import ValidationError
 
-from calibration.camera.files import calibrated
-from calibration.gel.look import load_look
-from calibration.store import CalibrationFile, age_days, age_text, check_serials, load, why_damaged
+from calibration.gel.look import look_file
+from calibration.store import CalibrationFile, age_days, age_text, check_serials, load
 from calibration.verdict import Verdict
 from drivers.errors import CalibrationError
-from rig.config import BenchConfig, TactileConfig, load_bench, validation_text
-from rig.config.in_use import CalibrationsInUse, CameraInUse, FileInUse, GelInUse, PlaceInUse
+from rig.config import BenchConfig, TactileConfig, load_bench
+from rig.config.measured_values import GEL, Calibrations, FileInUse, file_in_use, numbers
 
 FOLDER = "calibrations"
 LARGEST_TIP_M = 0.05
@@ -49,7 +45,7 @@ def calibrations_folder(name_or_path: str) -> Path:
 
 def find_calibrations(
     config: BenchConfig, folder: Path, report: Callable[[str], None] = lambda _: None
-) -> CalibrationsInUse:
+) -> Calibrations:
     """Read a folder's calibrations for the devices of a bench; none without such a folder.
 
     If all files of a kind belong to other devices, that is an error: a swapped device would otherwise go
@@ -57,73 +53,79 @@ def find_calibrations(
     file, except on its age and verdict. Raises `CalibrationError`.
     """
     wanted: list[tuple[str, dict[str, str]]] = []
-    if config.has("camera"):
+    if config.camera is not None:
         camera = {"camera": config.camera.serial}
         wanted += [("camera", camera), ("hand-eye", camera)]
-    if config.has("gripper"):
+    if config.gripper is not None:
         wanted.append(("gripper", {"gripper": config.name}))
     wanted += [("tactile", {"tactile": tactile.serial}) for tactile in config.tactile]
-    if config.has("arm"):
+    if config.arm is not None:
         wanted.append(("tcp", {"tool": config.name}))
         wanted += [("sync", {"reference": "arm", "stream": each.serial}) for each in config.sensors]
-    elif config.has("camera"):
+    elif config.camera is not None:
         reference = config.camera.serial
         wanted += [("sync", {"reference": reference, "stream": t.serial}) for t in config.tactile]
-    found = CalibrationsInUse()
+    files: dict[str, FileInUse] = {}
     for kind, serials in wanted:
-        found = found.joined(_used(config, folder, kind, serials, report))
+        path = _find(folder, kind, serials)
+        if path is not None and (file := _usable(config, path, kind, serials, report)):
+            files["-".join([kind, *serials.values()])] = file_in_use(path, file)
     for tactile in config.tactile:
-        found = found.joined(_gel(config, tactile))
+        if tactile.gel is not None:
+            files[f"{GEL}-{tactile.serial}"] = _gel(config, tactile, Path(tactile.gel))
+    found = Calibrations(files).check()
+    _check_sizes(config, found)
     return found
 
 
-def _gel(config: BenchConfig, tactile: TactileConfig) -> CalibrationsInUse:
+def _check_sizes(config: BenchConfig, found: Calibrations) -> None:
+    """Raise `CalibrationError` if a camera or a gel was calibrated with pictures of another size."""
+    sizes = {} if found.camera is None else {"camera": (found.camera.size, config.require("camera"))}
+    tips = {tactile.serial: tactile for tactile in config.tactile}
+    sizes |= {f"{GEL}-{serial}": (look.shape[::-1], tips[serial]) for serial, look in found.gel.items()}
+    for kind, (size, device) in sizes.items():
+        if size != device.size_px:
+            path = next(each.file for name, each in found.files.items() if name.startswith(kind))
+            raise CalibrationError(
+                f"{path}: was made from pictures of {size} px, but the bench file has size_px = "
+                f"{list(device.size_px)} for {device.serial}; calibrate at that size, or correct it"
+            )
+
+
+def _gel(config: BenchConfig, tactile: TactileConfig, path: Path) -> FileInUse:
     """Return the calibrated colours that the bench file names for a fingertip.
 
     A simulated gel may use the calibration of any unit, a real one only its own, made on itself.
     """
-    if tactile.gel is None:
-        return CalibrationsInUse()
-    real, path = tactile.serial in config.real_devices, Path(tactile.gel)
+    real = tactile.serial in config.real_devices
     file = load(path, "tactile", {"tactile": tactile.serial} if real else None)
     _refuse_simulated(config, file, path, real)
-    look = load_look(path)
-    if look.shape[::-1] != tactile.size_px:
-        raise CalibrationError(
-            f"{path}: was made of pictures of {look.shape[::-1]} px, and {tactile.serial} has size_px = "
-            f"{list(tactile.size_px)}; calibrate it at that size"
-        )
-    facts = _facts(path, file)
-    return CalibrationsInUse(gel={tactile.serial: GelInUse.of(look)}, files={f"gel-{tactile.serial}": facts})
+    return file_in_use(path, file, look_file(path))
 
 
-def _used(
-    config: BenchConfig, folder: Path, kind: str, serials: Mapping[str, str], report: Callable[[str], None]
-) -> CalibrationsInUse:
-    """Find a kind's file for these serials and return the values in use; none without a file."""
-    path = _find(folder, kind, serials)
-    if path is None:
-        return CalibrationsInUse()
+def _usable(
+    config: BenchConfig, path: Path, kind: str, serials: Mapping[str, str], report: Callable[[str], None]
+) -> CalibrationFile | None:
+    """Return a kind's file for these serials; None if it has no value that is used."""
     file = load(path, kind, serials, allow_refused=True)
     if file.assessment.verdict is Verdict.REFUSED:
         report(f"calibration not used: {path}: was refused when it was made ({file.assessment.reasons[0]})")
-        return CalibrationsInUse()
+        return None
     devices = {*serials.values(), {"gripper": "gripper", "tcp": "arm"}.get(kind, "")}
     _refuse_simulated(config, file, path, not devices.isdisjoint(config.real_devices))
-    try:
-        taken = _taken(config, report, file, str(path))
-    except ValidationError as error:
-        raise CalibrationError(
-            f"{path}: has invalid values ({validation_text(error)}); make it again with rig calibrate"
-        ) from error
-    except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
-        raise CalibrationError(
-            f"{path}: damaged ({why_damaged(path, error)}); make it again with rig calibrate"
-        ) from error
-    if taken is None:
-        return CalibrationsInUse()
-    facts = _facts(path, file)
-    return taken.joined(CalibrationsInUse(files={"-".join([kind, *serials.values()]): facts}))
+    value = file.value
+    if kind == "hand-eye" and value.get("setup") != "eye-to-hand":
+        why = "the camera is on the tool, and lifts are watched by a fixed one"
+    elif kind == "tcp" and "tip_from_tcp_m" not in value:
+        why = "its tip was not compared with the tcp_m of a bench file"
+    else:
+        if kind == "tcp":
+            _check_tip(config, report, file, path)
+        # a gripper that was only opened, and a gel of which only a reference was taken
+        lacks = {"gripper": "closing", "tactile": "pixel_aspect"}.get(kind)
+        return None if lacks is not None and lacks not in value else file
+    report(f"calibration not used: {path}: {why}")
+    return None
 
 
 def _refuse_simulated(config: BenchConfig, file: CalibrationFile, path: Path, real: bool) -> None:
@@ -133,15 +135,6 @@ def _refuse_simulated(config: BenchConfig, file: CalibrationFile, path: Path, re
             f"{path}: was made on simulated devices, but bench '{config.name}' is real; calibrate it, "
             "or move the file away"
         )
-
-
-def _facts(path: Path, file: CalibrationFile) -> FileInUse:
-    return FileInUse(
-        file=str(path),
-        sha256=sha256(path.read_bytes()).hexdigest(),
-        created=file.created,
-        verdict=str(file.assessment.verdict),
-    )
 
 
 def _find(folder: Path, kind: str, serials: Mapping[str, str]) -> Path | None:
@@ -159,63 +152,17 @@ def _find(folder: Path, kind: str, serials: Mapping[str, str]) -> Path | None:
     return None
 
 
-def _taken(
-    config: BenchConfig, report: Callable[[str], None], file: CalibrationFile, where: str
-) -> CalibrationsInUse | None:
-    """Return the values to use from a calibration file; None if there are none. where: its path."""
-    value = file.value
-    match file.kind:
-        case "camera":
-            camera = calibrated(file, where)
-            if camera.size != config.camera.size_px:
-                raise CalibrationError(
-                    f"{where}: was made from pictures of {camera.size} px, but the bench file has size_px = "
-                    f"{list(config.camera.size_px)}; calibrate at that size, or correct it"
-                )
-            return CalibrationsInUse(camera=CameraInUse.of(camera))
-        case "hand-eye" if value.get("setup") == "eye-to-hand":
-            x, y, z = (float(v) for v in _numbers(file, where, "translation_m", 3))
-            a, b, c, d = (float(v) for v in _numbers(file, where, "quaternion_xyzw", 4))
-            sigma_rad = 0.0  # of the camera's orientation about its least certain axis
-            if "covariance" in file.quality:
-                turns = np.reshape(np.asarray(file.quality["covariance"], np.float64), (6, 6))[:3, :3]
-                sigma_rad = float(np.sqrt(np.linalg.eigvalsh(turns)[-1]))
-            place = PlaceInUse(position_m=(x, y, z), quaternion_xyzw=(a, b, c, d), turn_sigma_rad=sigma_rad)
-            return CalibrationsInUse(base_T_camera=place)
-        case "hand-eye":
-            why = "the camera is on the tool, and lifts are watched by a fixed one"
-            report(f"calibration not used: {where}: {why}")
-        case "tactile" if "pixel_aspect" in value:
-            return CalibrationsInUse(pixel_aspect={file.serials["tactile"]: float(value["pixel_aspect"])})
-        case "gripper" if isinstance(table := value.get("closing"), Mapping):
-            pairs = zip(table["counts"], table["opening_m"], strict=True)
-            return CalibrationsInUse(
-                opening=tuple((float(counts), float(opening)) for counts, opening in pairs)
-            )
-        case "sync":
-            return CalibrationsInUse(time_shift_s={file.serials["stream"]: float(value["add_to_stream_s"])})
-        case "tcp":
-            return _tip(config, report, file, where)
-    return None
+def _check_tip(config: BenchConfig, report: Callable[[str], None], file: CalibrationFile, path: Path) -> None:
+    """Compare the bench file's TCP with the clamped tip, of which nothing is replaced.
 
-
-def _tip(
-    config: BenchConfig, report: Callable[[str], None], file: CalibrationFile, where: str
-) -> CalibrationsInUse | None:
-    """Compare the bench file's TCP with the clamped tip; nothing is replaced.
-
-    A tip that was not compared with a bench file when it was calibrated is not used. Raises
-    `CalibrationError` if TCP and tip are further apart than a clamped tip can be, unless they were so when
-    the tip was calibrated and that was accepted.
+    Raises `CalibrationError` if TCP and tip are further apart than a clamped tip can be, unless they were so
+    when the tip was calibrated and that was accepted.
     """
-    if "tip_from_tcp_m" not in file.value:
-        report(f"calibration not used: {where}: its tip was not compared with the tcp_m of a bench file")
-        return None
-    tip_m = np.asarray(_numbers(file, where, "translation_m", 3), np.float64)
-    tcp = config.arm.flange_T_tcp()
+    tip_m = np.asarray(numbers(path, file, "translation_m", 3), np.float64)
+    tcp = config.require("arm").flange_T_tcp()
     out_m = tcp.rotation.inv().apply(tip_m - tcp.position_m)
-    before_m = np.asarray(_numbers(file, where, "tip_from_tcp_m", 3), np.float64)
-    text = f"the clamped tip of {where} is {1e3 * np.linalg.norm(out_m):.1f} mm from tcp_m"
+    before_m = np.asarray(numbers(path, file, "tip_from_tcp_m", 3), np.float64)
+    text = f"the clamped tip of {path} is {1e3 * np.linalg.norm(out_m):.1f} mm from tcp_m"
     if not np.linalg.norm(out_m) <= max(LARGEST_TIP_M, float(np.linalg.norm(before_m)) + SAME_TIP_M):
         raise CalibrationError(
             f"{text}, and a clamped tip is within {1e3 * LARGEST_TIP_M:.0f} mm of it: correct tcp_m, or move "
@@ -223,11 +170,3 @@ def _tip(
         )
     way = ", ".join(f"{1e3 * v:.1f}" for v in out_m)
     report(f"{text}: {way} mm along the tool's axes")
-    return CalibrationsInUse()
-
-
-def _numbers(file: CalibrationFile, where: str, key: str, count: int) -> list[Any]:
-    values = file.value.get(key)
-    if not isinstance(values, list) or len(values) != count:
-        raise CalibrationError(f"{where}: has no {key} of {count} numbers; make it again with rig calibrate")
-    return values

@@ -1,41 +1,42 @@
-"""Checks of a whole bench file: contradictory keys, missing keys of real benches, keys without effect."""
+"""Checks of a whole bench: keys that contradict each other, and keys that depend on other sections."""
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 from pydantic import BaseModel
 
 from calibration.camera.model import LEAST_FOCAL
-from drivers.named_classes import is_class_name
-from rig.config.fields import KeyFault, KeyPath
-from rig.config.models import (
+from rig.config.devices import (
+    FORCE_CHANGE,
+    MODBUS_PORT,
     ArmConfig,
-    BenchConfig,
     CameraConfig,
-    DeviceConfig,
+    DigitConfig,
+    FakeArmConfig,
+    FakeTactileConfig,
     GripperConfig,
+    OwnArmConfig,
+    RobotiqConfig,
+    RobotiqRtuConfig,
+    StrokeLimits,
     TactileConfig,
+    UR5eConfig,
+    VideoCameraConfig,
 )
+from rig.config.fields import KeyFault, KeyPath
+from rig.config.models import BenchConfig
 
 DIGIT_MODES = {(240, 320): (60.0, 30.0), (480, 640): (30.0, 15.0)}
 """Upright size in pixels, and the rates at which a DIGIT streams it (digit-interface's tables)."""
 SLOWEST_CAMERA_HZ = 24.0
 """The true angle is interpolated between images at most 50 ms apart (contract); periods vary by a fifth."""
-ON_THE_FLANGE = {
-    "tcp_m": "the tool centre point as measured, as [0.0, 0.0, 0.28]",
-    "payload_kg": "the hand's mass as weighed, as 2.5",
-    "payload_cog_m": "the hand's centre of mass from the flange, as [0.0, 0.0, 0.08]",
+ADDRESSES: Mapping[type[BaseModel], tuple[str, str]] = {
+    UR5eConfig: ("host", "the controller's address"),
+    RobotiqConfig: ("host", "the gripper's address"),
+    RobotiqRtuConfig: ("device", "the serial port, as /dev/ttyUSB0"),
+    VideoCameraConfig: ("address", "/dev/videoN, a URL, a video file or a folder"),
 }
-"""Keys of [arm] that are set on the controller, and what to write."""
-LIMITS = {
-    "workspace_min_m": "the lowest x, y, z of the tool, as [0.15, -0.35, 0.01]",
-    "workspace_max_m": "the highest x, y, z of the tool, as [0.75, 0.35, 0.60]",
-    "max_speed_m_s": "the highest speed of the tool, as 0.5",
-    "max_acceleration_m_s2": "the highest acceleration of the tool, as 1.5",
-    "max_payload_kg": "the heaviest payload, as 5.0",
-    "max_contact_force_n": "by how much the force may change on the way down, as 20.0",
-}
-"""Keys of [arm.limits], and what to write. Joint limits default to the arm's own range."""
+"""Key of the address of a real device, and what to write; other devices are found without one."""
 BESIDE_ARM, BESIDE_GRIPPER = ("position_m", "look_at_m"), ("finger", "sign")
 """Keys of [camera] that are needed beside an arm, and of [[tactile]] beside a gripper."""
 FAKE_DIGIT_PX = (240, 320)
@@ -53,12 +54,11 @@ def inconsistencies(config: BenchConfig) -> Iterator[KeyFault]:
             yield from _tactile(device, where)
         else:
             yield from _camera(device)
-        if config.fakes is None or config.fakes.control is not None:
-            yield from _address(device)
+    yield from _served(config)
     yield from _parts(config)
     yield from _fingertips(config)
     yield from _kinds(config)
-    if config.has("arm", "table"):
+    if config.arm is not None and config.table is not None:
         arm, place_m = config.arm, config.table.position_m
         if not _inside(place_m, arm.limits.workspace_min_m, arm.limits.workspace_max_m):
             why = "is outside the workspace of [arm.limits]: the arm cannot reach it"
@@ -78,33 +78,39 @@ def _arm(arm: ArmConfig) -> Iterator[KeyFault]:
         yield ("arm", "home_m"), "is outside the workspace of [arm.limits]"
     if any(np.less_equal(limits.joint_max_deg, limits.joint_min_deg)):
         yield ("arm", "limits", "joint_max_deg"), "is not above joint_min_deg for every joint"
-    if arm.driver == "ur5e" and not arm.force_sensor:
-        yield ("arm", "force_sensor"), "a UR5e has one, and its way down is guarded: remove the key"
-    if arm.payload_kg > limits.max_payload_kg:
-        yield ("arm", "payload_kg"), f"is above max_payload_kg, {limits.max_payload_kg:g}"
+    force_n = limits.max_contact_force_n
+    if isinstance(arm, OwnArmConfig) and arm.force_sensor and force_n is None:
+        yield ("arm", "limits", "max_contact_force_n"), f"is missing: write {FORCE_CHANGE}"
+    elif not arm.force_sensor and force_n is not None:
+        why = "has no effect with force_sensor = false: nothing measures that force; remove it"
+        yield ("arm", "limits", "max_contact_force_n"), why
+    if not isinstance(arm, FakeArmConfig) and arm.payload_kg > arm.limits.max_payload_kg:
+        yield ("arm", "payload_kg"), f"is above max_payload_kg, {arm.limits.max_payload_kg:g}"
 
 
 def _gripper(gripper: GripperConfig) -> Iterator[KeyFault]:
     if gripper.fingers[0] == gripper.fingers[1]:
         yield ("gripper", "fingers"), "names one finger twice"
     limits = gripper.limits
-    if limits.max_counts <= limits.min_counts:
+    if isinstance(limits, StrokeLimits):
+        if not limits.spec().steps:
+            yield ("gripper", "limits", "stroke_m"), "is less than one step of resolution_m"
+    elif limits.max_counts <= limits.min_counts:
         yield ("gripper", "limits", "max_counts"), "is not above min_counts"
-    if (limits.stroke_m is None) != (limits.resolution_m is None):
-        has, lacks = ("stroke_m", "resolution_m") if limits.stroke_m else ("resolution_m", "stroke_m")
-        yield ("gripper", "limits", has), f"needs {lacks} beside it"
-    elif limits.stroke_m is not None and not limits.spec().steps:
-        yield ("gripper", "limits", "stroke_m"), "is less than one step of resolution_m"
     for key in ("speed_m_s", "force_n"):
         low, high = getattr(limits, key)
         if high < low:
             yield ("gripper", "limits", key), "is not a range: the lowest first"
-    if gripper.preset is not None and (gripper.preset == "rtu") != (gripper.transport == "rtu"):
-        yield ("gripper", "preset"), f"'{gripper.preset}' is not a map of transport '{gripper.transport}'"
 
 
 def _tactile(tactile: TactileConfig, where: KeyPath) -> Iterator[KeyFault]:
-    if tactile.driver != "digit":
+    if isinstance(tactile, FakeTactileConfig | DigitConfig) and tactile.look is None:
+        if tactile.look_seed is not None:
+            why = "varies a look, and no look is named: add it, or remove this"
+            yield (*where, "look_seed"), why
+    if isinstance(tactile, FakeTactileConfig) and tactile.size_px != FAKE_DIGIT_PX:
+        yield (*where, "size_px"), f"driver 'fake' draws only {list(FAKE_DIGIT_PX)}; remove the key"
+    if not isinstance(tactile, DigitConfig):
         return
     rates = DIGIT_MODES.get(tactile.size_px)
     if rates is None:
@@ -144,30 +150,50 @@ def _camera(camera: CameraConfig) -> Iterator[KeyFault]:
         )
 
 
-def _address(device: DeviceConfig) -> Iterator[KeyFault]:
-    """Yield the missing address of a real device; fakes started for the session provide their own."""
-    if isinstance(device, ArmConfig):
-        if device.driver == "ur5e" and not device.host:
-            yield ("arm",), "driver 'ur5e' needs host, the controller's address"
-    elif isinstance(device, GripperConfig):
-        if device.driver == "robotiq_3f" and device.transport == "tcp" and not device.host:
-            yield ("gripper",), "transport 'tcp' needs host, the gripper's address"
-        if device.driver == "robotiq_3f" and device.transport == "rtu" and not device.device:
-            yield ("gripper",), "transport 'rtu' needs device, the serial port, as /dev/ttyUSB0"
-    elif device.driver == "camera" and not device.address:
-        yield ("camera",), "driver 'camera' needs address: /dev/videoN, a URL, a video file or a folder"
+def _served(config: BenchConfig) -> Iterator[KeyFault]:
+    """Yield the keys that [fakes] gives a meaning or takes it: addresses of devices, looks of their gels."""
+    started = config.fakes is not None and config.fakes.control is None
+    for where, device in config.devices:
+        key, write = ADDRESSES.get(type(device), ("address", ""))
+        given = getattr(device, key, None)
+        if started and given:
+            yield (*where, key), "does not count: [fakes] starts its own devices; remove it, or give control"
+        elif started and getattr(device, "port", MODBUS_PORT) != MODBUS_PORT:
+            yield (
+                (*where, "port"),
+                "does not count: [fakes] starts the devices; remove it",
+            )
+        elif not started and write and not given:
+            yield (*where, key), f"is missing: write {write}"
+        if config.fakes is None and isinstance(device, DigitConfig):
+            why = "is only for simulated gels; it has no effect on a real one; remove it"
+            for drawn in ("markers", "look", "look_seed"):
+                if getattr(device, drawn) not in (None, False):
+                    yield (*where, drawn), why
 
 
 def _parts(config: BenchConfig) -> Iterator[KeyFault]:
     """Yield the keys and sections that the devices of the bench require."""
     if not any(True for _ in config.devices):
         yield (), "has no device: a bench has [arm], [gripper], [[tactile]] or [camera], at least one"
-    if config.has("arm") and not config.has("table"):
+    if config.arm is not None and config.table is None:
         yield ("table",), "is needed beside [arm]: write [table] with position_m, where objects are placed"
-    if config.has("arm", "camera"):
+    elif config.arm is not None and config.table is not None:
+        if not config.simulated and config.table.top_m is None:
+            yield ("table", "top_m"), "is missing: write the height of the table's top, as 0.02"
+    if config.arm is None:
+        why = "is for benches with an arm; this one has no [arm]: remove it"
+        given = {"keep_out": bool(config.keep_out), "reactions_allowed": config.reactions_allowed is not None}
+        yield from (((key,), why) for key, written in given.items() if written)
+    if config.difficulty != "easy" and not config.simulated:
+        yield ("difficulty",), "is only for simulated lifts: remove it"
+    if config.feeder is not None and config.simulated:
+        why = "is only for real objects; simulated ones are placed by the simulation: remove it"
+        yield ("table", "feeder"), why
+    if config.arm is not None and config.camera is not None:
         why = "is needed beside [arm]: write a point in its base, m, as [0.45, 0.0, 0.1]"
         yield from _lacking(config.camera, ("camera",), dict.fromkeys(BESIDE_ARM, why))
-    for number, tactile in enumerate(config.tactile if config.has("gripper") else ()):
+    for number, tactile in enumerate(config.tactile if config.gripper is not None else ()):
         why = "is needed beside [gripper]: its finger, and the sign"
         yield from _lacking(tactile, ("tactile", number), dict.fromkeys(BESIDE_GRIPPER, why))
     if config.fakes is not None and not (config.has("arm", "gripper", "camera") and len(config.tactile) == 2):
@@ -176,14 +202,14 @@ def _parts(config: BenchConfig) -> Iterator[KeyFault]:
 
 def _fingertips(config: BenchConfig) -> Iterator[KeyFault]:
     fingers = [t.finger for t in config.tactile]
-    if config.has("gripper") and not {*fingers} <= {*config.gripper.fingers}:
+    if config.gripper is not None and not {*fingers} <= {*config.gripper.fingers}:
         yield ("tactile",), "each [[tactile]] names exactly one of the grasping fingers of [gripper]"
     if len({*fingers}) < len(fingers):
         yield (
             ("tactile", 1, "finger"),
             "is the other fingertip's too: exactly one [[tactile]] for each finger",
         )
-    if config.has("gripper") and len({t.sign for t in config.tactile}) < len(fingers):
+    if config.gripper is not None and len({t.sign for t in config.tactile}) < len(fingers):
         yield ("tactile", 1, "sign"), "opposing fingertips see the object from opposite sides: signs differ"
     serials = [sensor.serial for sensor in config.sensors]
     for number, serial in enumerate(serials):
@@ -212,6 +238,8 @@ def _kinds(config: BenchConfig) -> Iterator[KeyFault]:
             yield ("tactile", 1, "driver"), "one fingertip is 'fake' and the other is not: make both the same"
         if config.fakes is not None:
             yield ("fakes",), f"is for the real drivers; {fakes} would be simulated twice: name real drivers"
+    elif config.fakes is not None and config.in_process:
+        yield ("fakes",), "is for the real drivers; these are 'fake': remove it, or name real drivers"
     if config.fakes is not None and config.own_drivers:
         named = ", ".join(sorted(config.own_drivers))
         yield ("fakes",), f"is for the rig's own drivers; with {named} this is a real bench: remove it"
@@ -227,134 +255,7 @@ def _inside(point: tuple[float, ...], low: tuple[float, ...], high: tuple[float,
     return all(lo <= value <= hi for lo, value, hi in zip(low, point, high, strict=True))
 
 
-def required_limits(arm: ArmConfig) -> dict[str, str]:
-    """Return the required keys of [arm.limits] of a real arm, and what to write."""
-    if arm.force_sensor:
-        return LIMITS
-    return {key: write for key, write in LIMITS.items() if key != "max_contact_force_n"}
-
-
-def missing_keys(config: BenchConfig) -> Iterator[KeyFault]:
-    """Yield each key that is missing in the file of a real bench, and what to write there.
-
-    Defaults would be those of the simulated cell. Only for files: a session's stored copy has every key.
-    """
-    if config.simulated or not config.has("arm"):
-        return
-    arm = config.arm
-    why = "is required of a real arm, on whose controller it is set: write"
-    yield from _lacking(arm, ("arm",), {key: f"{why} {write}" for key, write in ON_THE_FLANGE.items()})
-    if config.has("table") and config.table.top_m is None:
-        yield ("table", "top_m"), "is required of a real bench: write the height of the table's top, as 0.02"
-    limits, why = required_limits(arm), "is required of a real arm: write"
-    if "limits" in arm.model_fields_set:
-        asked = {key: f"{why} {write}" for key, write in limits.items()}
-        yield from _lacking(arm.limits, ("arm", "limits"), asked)
-    else:
-        yield ("arm", "limits"), f"{why} [arm.limits] with {', '.join(limits)}"
-
-
-def unused_keys(config: BenchConfig) -> Iterator[KeyFault]:
-    """Yield each key in a bench file that would be ignored, and why.
-
-    Only for files: a session's stored copy has every key.
-    """
-    if "calibrations" in config.model_fields_set:
-        yield ("calibrations",), "must not be in a bench file; they are found beside it"
-    if "objects" in config.model_fields_set:
-        yield (
-            ("objects",),
-            "must not be in a bench file, but in separate files (rig objects new FILE)",
-        )
-    if not config.simulated:
-        why = "is only for simulated lifts: remove it"
-        yield from _written(config, (), ["difficulty"], why)
-    elif config.has("table"):
-        why = "is only for real objects; simulated ones are placed by the simulation: remove it"
-        yield from _written(config.table, ("table",), ["feeder"], why)
-    if not config.has("arm"):
-        why = "is for benches with an arm; this one has no [arm]: remove it"
-        yield from _written(config, (), ["keep_out", "reactions_allowed"], why)
-    for where, device in config.devices:
-        if isinstance(device, ArmConfig):
-            yield from _unused_arm(device)
-        elif isinstance(device, GripperConfig):
-            yield from _unused_gripper(device)
-        elif isinstance(device, TactileConfig):
-            yield from _unused_tactile(device, where, config)
-        elif device.driver == "fake":
-            yield from _written(device, where, ["address"], _no_effect("fake"))
-        if not is_class_name(device.driver):
-            why = "is for a class of your own, as driver = 'package.module:Class'; remove it"
-            yield from _written(device, where, ["options"], why)
-    if config.fakes is not None and config.in_process:
-        yield ("fakes",), "is for the real drivers; these are 'fake': remove it, or name real drivers"
-    elif config.fakes is not None and config.fakes.control is None:
-        why = "does not count: [fakes] starts devices with addresses of their own; remove it, or give control"
-        for where, device in config.devices:
-            yield from _written(device, where, ["host", "port", "device", "address"], why)
-
-
-def _unused_arm(arm: ArmConfig) -> Iterator[KeyFault]:
-    if not arm.force_sensor:
-        why = "has no effect with force_sensor = false: nothing measures that force; remove it"
-        yield from _written(arm.limits, ("arm", "limits"), ["max_contact_force_n"], why)
-    if arm.driver != "fake":
-        return
-    why = _no_effect("fake")
-    yield from _written(arm, ("arm",), ["host", "frequency_hz", "payload_kg", "payload_cog_m"], why)
-    yield from _written(arm.limits, ("arm", "limits"), ["max_payload_kg"], why)
-    for key in ("tcp_m", "tcp_rotation_vector_rad"):
-        has = type(arm).model_fields[key].default
-        if getattr(arm, key) != has:
-            yield ("arm", key), f"the hand of driver 'fake' has only {list(has)}; remove the key"
-
-
-def _unused_gripper(gripper: GripperConfig) -> Iterator[KeyFault]:
-    limits, where = gripper.limits, ("gripper", "limits")
-    if not is_class_name(gripper.driver):
-        why = f"is not for driver '{gripper.driver}', whose counts give stroke and resolution; remove it"
-        yield from _written(limits, where, ["stroke_m", "resolution_m"], why)
-    elif limits.stroke_m is not None:
-        why = "has no effect beside stroke_m and resolution_m; remove it"
-        yield from _written(limits, where, ["min_counts", "max_counts", "opening_per_count_m"], why)
-    if gripper.driver == "fake":
-        keys = ["transport", "host", "port", "device", "preset"]
-        yield from _written(gripper, ("gripper",), keys, _no_effect("fake"))
-    elif not is_class_name(gripper.driver):
-        keys = ["device"] if gripper.transport == "tcp" else ["host", "port"]
-        why = f"has no effect with transport '{gripper.transport}'; remove it"
-        yield from _written(gripper, ("gripper",), keys, why)
-
-
-def _unused_tactile(tactile: TactileConfig, where: KeyPath, config: BenchConfig) -> Iterator[KeyFault]:
-    if tactile.driver == "fake":
-        yield from _written(tactile, where, ["address"], _no_effect("fake"))
-        if tactile.size_px != FAKE_DIGIT_PX:
-            why = f"driver 'fake' draws only {list(FAKE_DIGIT_PX)}; remove the key"
-            yield (*where, "size_px"), why
-    elif config.fakes is None:
-        why = "is only for simulated gels; it has no effect on a real one; remove it"
-        yield from _written(tactile, where, ["markers"], why)
-        why = "draws a simulated gel; a real one looks as it does: remove it"
-        yield from _written(tactile, where, ["look", "look_seed"], why)
-    if tactile.look is None:
-        yield from _written(
-            tactile, where, ["look_seed"], "varies a look, and no look is named: add it, or remove this"
-        )
-
-
 def _lacking(table: BaseModel, where: KeyPath, whys: Mapping[str, str]) -> Iterator[KeyFault]:
     for key, why in whys.items():
         if key not in table.model_fields_set:
             yield (*where, key), why
-
-
-def _written(table: BaseModel, where: KeyPath, keys: Iterable[str], why: str) -> Iterator[KeyFault]:
-    for key in keys:
-        if key in table.model_fields_set:
-            yield (*where, key), why
-
-
-def _no_effect(driver: str) -> str:
-    return f"has no effect with driver '{driver}'; remove it"

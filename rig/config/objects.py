@@ -10,8 +10,9 @@ from pydantic import ValidationError
 
 from drivers.errors import InputError, nearest
 from drivers.formats import MOST_TOML_BYTES, parse_toml, read_text
-from protocols.grasps import OBJECTS_FOLDER, GraspFile, PlainBody, Position, load_grasp_files
-from rig.config.load import place_of, validation_text, write_new
+from protocols.grasps import OBJECTS_FOLDER, GraspFile, load_grasp_files
+from rig.config.load import write_new
+from rig.config.messages import faults_of, refusal
 from rig.config.models import BenchConfig
 
 FOLDER = "objects"
@@ -55,10 +56,8 @@ def read_objects(folder: Path) -> dict[Path, GraspFile]:
         found[path] = read = parse_object(text, str(path))
         for key, name in zip(("id", "name"), read.names, strict=True):
             if name in taken:
-                raise InputError(
-                    f"{path}: {place_of(text, [key])}: {key}: '{name}' is an object of {taken[name]} "
-                    "already; give it another one"
-                )
+                why = f"'{name}' is an object of {taken[name]} already; give it another one"
+                raise refusal(str(path), [([key], why)], text)
         taken |= dict.fromkeys(read.names, str(path))
     return found
 
@@ -69,7 +68,7 @@ def parse_object(text: str, name: str) -> GraspFile:
     try:
         return GraspFile.model_validate_json(document, strict=True)
     except ValidationError as error:
-        raise InputError(f"{name}: {validation_text(error, text, _KEYS)}") from error
+        raise refusal(name, faults_of(error, GraspFile), text) from error
 
 
 def with_objects(config: BenchConfig, bench: str, given: Path | None = None) -> BenchConfig:
@@ -128,9 +127,6 @@ def new_object_file(path: Path) -> None:
     with suppress(OSError):  # opening the file then reports why there is no folder
         path.parent.mkdir(parents=True, exist_ok=True)
     write_new(path, new_object_text(path.stem))
-
-
-_KEYS = {key for model in (GraspFile, Position, PlainBody) for key in model.model_fields}
 
 
 def with_position(text: str, name: str, values: Mapping[str, float], where: str) -> tuple[str, GraspFile]:

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from drivers.errors import InputError
-from rig.config.checks import BESIDE_ARM, BESIDE_GRIPPER, ON_THE_FLANGE, required_limits
+from rig.config.checks import BESIDE_ARM, BESIDE_GRIPPER
 from rig.config.models import BenchConfig
 
 
@@ -14,17 +14,13 @@ def bench_text(config: BenchConfig) -> str:
 
     Required keys are also written if they equal their default.
     """
-    # calibrations and objects are found beside a bench file, so they are not written into it
-    values = config.model_dump(mode="json", exclude_defaults=True, exclude={"calibrations", "objects"})
+    # objects are found beside a bench file, so they are not written into it
+    values = config.model_dump(mode="json", exclude_defaults=True, exclude={"objects"})
     if config.has("arm", "camera"):
         values["camera"] |= {key: list(getattr(config.camera, key)) for key in BESIDE_ARM}
     if config.has("gripper"):
         for table, tactile in zip(values.get("tactile", ()), config.tactile, strict=True):
             table |= {key: getattr(tactile, key) for key in BESIDE_GRIPPER}
-    if config.has("arm") and not config.simulated:
-        limits = {key: getattr(config.arm.limits, key) for key in required_limits(config.arm)}
-        values["arm"] |= {key: getattr(config.arm, key) for key in ON_THE_FLANGE}
-        values["arm"]["limits"] = limits | values["arm"].get("limits", {})
     plain = {key: value for key, value in values.items() if not isinstance(value, dict | list)}
     parts = [_keys(plain)]
     for key, value in values.items():

@@ -177,7 +177,7 @@ def examine(
             connected.callback(device.disconnect)
         if bench.has("arm"):
             begin_phase("reading the arm")
-            yield from look_at_arm(bench, config.arm, duration_s)
+            yield from look_at_arm(bench, config.require("arm"), duration_s)
         if bench.has("gripper"):
             begin_phase("reading the gripper")
             yield from look_at_gripper(bench, duration_s)

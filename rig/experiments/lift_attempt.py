@@ -94,6 +94,7 @@ def attempt_lift(
 def describe_recording(settings: TrialSettings, lift: Lift) -> RecordingAbout:
     """Return the metadata of a lift's recording; those of a simulated lift depend only on its seed."""
     bench = settings.bench
+    camera = bench.require("camera").serial
     values = {key: str(getattr(lift, key)) for key in IN_METADATA} | {
         "bench": bench.name,
         "simulated": "SIMULATED" if bench.simulated else "no",
@@ -108,9 +109,9 @@ def describe_recording(settings: TrialSettings, lift: Lift) -> RecordingAbout:
     return RecordingAbout(
         values,
         SIMULATED_EPOCH_NS if bench.simulated else time.time_ns() - SystemClock().now_ns(),
-        bench.camera.serial,
+        camera,
         bench.camera_model(),
-        {bench.camera.serial: bench.base_T_camera(), "table": Pose(bench.table.position_m)},
+        {camera: bench.base_T_camera(), "table": Pose(bench.require("table").position_m)},
     )
 
 

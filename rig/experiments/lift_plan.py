@@ -132,7 +132,7 @@ def plan_lift(settings: TrialSettings, task: LiftTask, base_T_table: Pose) -> Li
 
 def planned_lift(settings: TrialSettings, task: LiftTask) -> tuple[LiftPlan, Lift]:
     """Return the plan of a lift, and its record before it is carried out. Raises `InputError`."""
-    plan = plan_lift(settings, task, Pose(settings.bench.table.position_m))
+    plan = plan_lift(settings, task, Pose(settings.bench.require("table").position_m))
     return plan, Lift(
         number=task.number,
         attempt=task.attempt,

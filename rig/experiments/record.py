@@ -229,7 +229,7 @@ def hand_pose(settings: RecordSettings, task: PoseTask) -> HandPose:
 
 def arm_pose(settings: RecordSettings, task: PoseTask) -> PosePlan:
     """Plan one pose, with its images distributed over grips from the lightest to the firmest."""
-    pose, images, base_T_table = task.pose, task.images, Pose(settings.bench.table.position_m)  # noqa: N806
+    pose, images, base_T_table = task.pose, task.images, Pose(settings.bench.require("table").position_m)  # noqa: N806
     refuse_impossible(settings.bench, settings.grasps, pose.position)
     low, high = map(settings.bench.gripper_spec().steps_for, settings.grasps.grip_m)
     levels = np.linspace(low - 1, high, min(GRIPS_PER_POSE, images)).round().astype(int)

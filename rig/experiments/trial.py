@@ -70,7 +70,7 @@ def trial_plan(settings: TrialSettings, objects: list[str], lifts: int) -> Plan:
 
     Raises `InputError` for an object that cannot be lifted here.
     """
-    table, home = Pose(settings.bench.table.position_m), home_pose(settings.bench)
+    table, home = Pose(settings.bench.require("table").position_m), home_pose(settings.bench)
     step_m, own = settings.bench.gripper_spec().resolution_m, settings.bench.objects
     head = [
         *plain_notes(settings.bench, [find_grasp_file(i, own) for i in objects]),

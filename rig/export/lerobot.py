@@ -200,7 +200,7 @@ def export_lerobot(request: ExportRequest) -> Exported:
     why = "a recording has images at rest, no episodes; use --to coco or labelme"
     manifest = require_kind(request.session, request.manifest, TrialManifest, why)
     pyarrow_modules()
-    fps, lifts = round(manifest.config.camera.rate_hz), request.finished_lifts
+    fps, lifts = round(manifest.config.require("camera").rate_hz), request.finished_lifts
     tasks = sorted({_task(lift) for lift in lifts})
     windows = {tip.serial: math.ceil(tip.rate_hz / fps) for tip in manifest.config.tactile}
     statistics = FeatureStatistics()
@@ -398,7 +398,7 @@ def _write_meta(
     parquet.write_table(_tasks_table(tasks), out / "meta/tasks.parquet")
     bench = manifest.config
     tips = [f"`finger_{t.finger.lower()}` {t.serial} (sign {t.sign:+d})" for t in bench.tactile]
-    sources = ", ".join([*tips, f"`camera` {bench.camera.serial}"])
+    sources = ", ".join([*tips, f"`camera` {bench.require('camera').serial}"])
     mark = simulated_mark(manifest)
     (out / "README.md").write_text(
         CARD.format(

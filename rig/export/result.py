@@ -73,4 +73,4 @@ def simulated_mark(manifest: BenchManifest) -> str:
 def source_name(serial: str, bench: BenchConfig) -> str:
     """Return the name of an image source that is the same on every bench: "camera", or as "finger_b"."""
     fingers = {tactile.serial: f"finger_{tactile.finger.lower()}" for tactile in bench.tactile}
-    return CAMERA if serial == bench.camera.serial else fingers.get(serial, serial)
+    return CAMERA if serial == bench.require("camera").serial else fingers.get(serial, serial)

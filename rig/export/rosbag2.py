@@ -100,7 +100,7 @@ def _messages(recording: Path, bench: BenchConfig) -> Iterator[Stamped]:
     """Yield the messages of a recorded lift. Raises `SessionError` if it is damaged."""
     pose = Pose((0.0, 0.0, 0.0))
     calibration = RecordingAbout(camera=bench.camera_model()).calibration(0)
-    static = {_optical(CAMERA): bench.base_T_camera(), "table": Pose(bench.table.position_m)}
+    static = {_optical(CAMERA): bench.base_T_camera(), "table": Pose(bench.require("table").position_m)}
     for message in lift_messages(recording, dated=True):
         time_ns, value = message.time_ns, message.value
         if time_ns >= LAST_NS:

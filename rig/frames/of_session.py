@@ -50,7 +50,7 @@ def session_frames(folder: Path) -> tuple[list[SessionSeries], tuple[str, ...]]:
         "it has no lifts, and its images are not a clip: they show different sensors or poses",
     )
     usable = read_usable_lifts(folder, checked=True)
-    aspects, gels = manifest.config.pixel_aspects(), manifest.config.gel_looks()
+    aspects, gels = manifest.config.pixel_aspects(), manifest.config.calibrations.gel
     series = [
         _series(folder / row.recording, serial, sign, aspects.get(serial), gels.get(serial))
         for row in usable.lifts
@@ -69,7 +69,7 @@ def recording_frames(recording: Path) -> list[SessionSeries]:
     if is_session(session):
         manifest = read_manifest_of(session, TrialManifest, "it has no lifts")
         signs, aspects = dict(manifest.signs), manifest.config.pixel_aspects()
-        gels = manifest.config.gel_looks()
+        gels = manifest.config.calibrations.gel
     else:
         text = recording_values(recording).get("signs", "")
         signs, aspects, gels = {name: int(sign) for name, sign in _SIGNS.findall(text)}, {}, {}

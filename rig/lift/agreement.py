@@ -67,5 +67,5 @@ def distance_warning(bench: BenchConfig, sides: float | None) -> MarkerDistance 
     """
     if sides is None:
         return None
-    seen_m, placed_m = sides * bench.camera.marker_side_m, bench.object_distance_m()
+    seen_m, placed_m = sides * bench.require("camera").marker_side_m, bench.object_distance_m()
     return MarkerDistance(seen_m, placed_m) if abs(seen_m - placed_m) > MOST_OFF * placed_m else None

@@ -59,10 +59,10 @@ class LiftMeasurement(LiftObserver):
     def __init__(
         self, bench: BenchConfig, estimator: EstimatorChoice, slip: SlipSettings | None = None
     ) -> None:
-        camera, signs = bench.camera, {tactile.serial: tactile.sign for tactile in bench.tactile}
+        camera, signs = bench.require("camera"), {tactile.serial: tactile.sign for tactile in bench.tactile}
         markers = MarkerTracker(camera.marker_ids, camera.marker_dictionary)
         angle = MarkerAngle(markers, bench.camera_model())
-        self.truth = MarkerTruth(angle, bench.base_T_camera(), bench.camera_turn_sigma_rad())
+        self.truth = MarkerTruth(angle, bench.base_T_camera(), bench.calibrations.camera_turn_sigma_rad)
         self.angle = ObjectAngle(signs)
         self.tallies = {source: FrameTally() for source in (*signs, CAMERA)}
         self.watch = None if slip is None else SlipWatch(slip)
@@ -152,7 +152,7 @@ class LiftMeasurement(LiftObserver):
             self.watch.update(frame.serial, replace(newest, sigma_deg=sample.sigma_deg))
 
     def _make_estimators(self) -> None:
-        aspects, gels = self.bench.pixel_aspects(), self.bench.gel_looks()
+        aspects, gels = self.bench.pixel_aspects(), self.bench.calibrations.gel
         for serial, tip in self._tips.items():
             if not tip.reference:
                 raise StaleFrameError(f"{serial}: no frame arrived before the grasp; check that it streams")

@@ -67,7 +67,7 @@ class MarkerPictures:
     """
 
     def __init__(self, measurement: LiftMeasurement) -> None:
-        self._serial, self._truth = measurement.bench.camera.serial, measurement.truth
+        self._serial, self._truth = measurement.bench.require("camera").serial, measurement.truth
 
     def jpeg(self, frame: Frame) -> bytes | None:
         """Return the JPEG to store; as received without markers shortly before, and of other sources."""

@@ -202,7 +202,7 @@ class Lift:
     @cached_property
     def markers(self) -> MarkerTrack:
         """Corners of the markers in the camera frames, detected on first access; `truth` is their angle."""
-        camera = self._manifest.config.camera
+        camera = self._manifest.config.require("camera")
         tracker = MarkerTracker(camera.marker_ids, camera.marker_dictionary)
         times_s, corners = [], []
         for frame in recorded_frames(self._recording, camera.serial):
@@ -224,7 +224,7 @@ class Lift:
         """
         serial = arguments.instance("frames: serial", serial, str, "a serial or 'camera'")
         if serial == CAMERA:
-            serial = self._manifest.config.camera.serial
+            serial = self._manifest.config.require("camera").serial
         else:
             self._require(serial)
         segmenter = None
@@ -275,7 +275,7 @@ class Lift:
         self._require(serial)
         manifest, background = self._manifest, self.background(serial)
         choice = stored_choice(manifest.estimator, manifest.window, manifest.skip)
-        choice = replace(choice, gel=manifest.config.gel_looks().get(serial))
+        choice = replace(choice, gel=manifest.config.calibrations.gel.get(serial))
         compute_in_one_thread()
         made = choice.make(background, self.pixel_aspect(serial), self.sign(serial))
         return StreamingEstimator(made, background.shape, self.sign(serial))

@@ -10,7 +10,7 @@ from calibration.store import OLD_DAYS, age_days, age_text
 from calibration.verdict import Verdict
 from drivers.errors import counted, without_values
 from protocols.reaction import ReactionKind
-from rig.config.in_use import FileInUse
+from rig.config.measured_values import FileInUse
 from rig.report.charts import FEWEST_FRAMES, sigma_ratios
 from rig.report.parts import Notice, Table, joined
 from rig.report.session import Trial, with_angles

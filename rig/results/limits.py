@@ -18,8 +18,7 @@ from pydantic import ValidationError
 from drivers.errors import InputError, unknown_name
 from drivers.formats import MOST_TOML_BYTES, parse_toml, read_text
 from protocols.grasps import GraspFile, find_grasp_file
-from rig.config import validation_text
-from rig.config.load import place_of
+from rig.config.messages import faults_of, place_of, refusal
 from rig.config.models import LimitConfig, LimitsFile
 from rig.results.summary import summarize_lifts
 from rig.sessions.records import Lift, LiftTiming, finished, lift_columns
@@ -105,8 +104,7 @@ def read_limits(path: Path) -> Limits:
     try:
         return LimitsFile.model_validate_json(document, strict=True).limits
     except ValidationError as error:
-        known = {*LimitsFile.model_fields, *LimitConfig.model_fields}
-        raise InputError(f"{path}: {validation_text(error, text, known)}") from error
+        raise refusal(str(path), faults_of(error, LimitsFile), text) from error
 
 
 def checked_limits(
@@ -146,7 +144,7 @@ def _where(file: Path | None, number: int) -> str:
     if file is None or not file.is_file():
         return name
     text = read_text(file, MOST_TOML_BYTES)
-    return f"{file}: {place_of(text, ('limits', number, 'figure'))}: {name}"
+    return f"{place_of(str(file), text, ('limits', number, 'figure'))}: {name}"
 
 
 def _require_figure(limit: LimitConfig, where: Callable[[], str]) -> None:

@@ -13,7 +13,8 @@ from typing import Any, Generic, TypeVar, get_args
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 
 from drivers.errors import FormatError, nearest
-from drivers.formats import check_numbers, key_place, shown
+from drivers.formats import check_numbers, key_place
+from rig.config.messages import fault_of, path_of
 
 Record = TypeVar("Record")
 MEMBERS = ("trial", "record", "replay")
@@ -92,15 +93,15 @@ def _problem(error: ValidationError, text: bytes, known: set[str]) -> str:
     """
     every = error.errors(include_url=False)
     first, *more = sorted(every, key=lambda of: of["type"] not in _UNKNOWN)
-    place = ".".join(str(part) for part in first["loc"] if part not in MEMBERS)
-    why = _REASONS.get(first["type"])
+    path, why = path_of(first), _REASONS.get(first["type"])
     if why is None:
-        why = f"{first['msg']}, found {shown(first['input'])}"
+        path, why = fault_of(first)
     elif first["type"] in _UNKNOWN:
         key = str(first["loc"][-1])
         missing = {str(of["loc"][-1]) for of in every if of["type"] == "missing"}
         where = key_place(text.decode(errors="replace"), key)
         why += nearest(key, known | missing) + (f", {where}" if where else "")
+    place = ".".join(str(part) for part in path if part not in MEMBERS)
     others = f" (and {len(more)} more)" if more else ""
     return f"'{place}' {why}{others}" if place else f"{why}{others}"
 

@@ -25,6 +25,8 @@ MAGIC = b"\x89MCAP0\r\n"
 """First bytes of a recording."""
 ROS_BEGINNINGS = (b"#ROSBAG V", b"SQLite format 3\0")
 """First bytes of bags of ROS 1, and of ROS 2 in SQLite's storage."""
+CALIBRATIONS = "calibrations"
+"""Folder of the copies of the calibration files in use."""
 REFERENCES = "reference"
 """Folder of the fingertips' no-contact frames, in a recording."""
 TRUE_MASKS = "truth/masks"

@@ -13,14 +13,14 @@ from drivers.formats import shown
 from protocols.reaction import ReactionKind
 from rig.config import BenchConfig
 from rig.config.fields import FileName
-from rig.config.in_use import FileInUse
+from rig.config.measured_values import Calibrations, FileInUse
 from rig.config.objects import with_objects_of
 from rig.sessions.about import NO_REMARKS, Remarks
 from rig.sessions.codec import Codec, json_value, strict
-from rig.sessions.files import MANIFEST, RESULTS, read_whole
+from rig.sessions.files import CALIBRATIONS, MANIFEST, RESULTS, read_whole
 from rig.version import VERSION, processor
 
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
 """Version of all files in a session folder."""
 
 
@@ -42,8 +42,9 @@ class Manifest:
 class BenchManifest(Manifest):
     """Common fields of trials and recordings: the bench and the random draws on it.
 
-    signs: of the fingertips by serial. calibration: the files in use, by kind and serial. config: the
-    bench with all values in use, a lab's own objects included. objects: ids. remarks: by people.
+    signs: of the fingertips by serial. calibration: the files in use, by kind and serials; their copies are
+    in the folder `CALIBRATIONS`. config: the bench, a lab's own objects included. objects: ids. remarks: by
+    people.
     """
 
     bench: str
@@ -137,7 +138,7 @@ def begun_on(
         seed=seed,
         serials=tuple(sensor.serial for sensor in bench.sensors),
         signs={t.serial: t.sign for t in bench.tactile},
-        calibration=bench.calibrations.files,
+        calibration=dict(bench.calibrations.files),
         config=with_objects_of(bench.without_passwords(), ids),
         objects=ids,
         remarks=remarks,
@@ -163,18 +164,23 @@ def read_manifest(folder: Path) -> AnyManifest:
     except ValueError as error:
         raise SessionError(f"{path}: cannot be read ({error}); the session is damaged") from error
     if head.schema_version != SCHEMA_VERSION:
+        when = f" at {head.started}" if head.started else ""
         raise SessionError(
-            f"{path}: schema version {head.schema_version}, this version reads {SCHEMA_VERSION}; "
-            "use the version of the rig that wrote it"
+            f"{path}: schema version {head.schema_version}, this version reads {SCHEMA_VERSION}; use the "
+            f"version or commit that wrote it: version {head.tool_version or 'unknown'}{when}"
         )
     if head.kind not in RESULTS:
         raise SessionError(f"{path}: a {shown(head.kind)} session; this version reads {', '.join(RESULTS)}")
     try:
-        return _MANIFESTS.parsed(text)
+        manifest = _MANIFESTS.parsed(text)
     except ValueError as error:
         raise SessionError(
             f"{path}: {error}; the session is damaged, or a newer version of the rig wrote it"
         ) from error
+    if not isinstance(manifest, BenchManifest):
+        return manifest
+    stored = Calibrations(manifest.calibration, folder / CALIBRATIONS)
+    return replace(manifest, config=manifest.config.model_copy(update={"calibrations": stored}))
 
 
 def read_manifest_of(folder: Path, kind: type[Wanted] | tuple[type[Wanted], ...], why: str) -> Wanted:
@@ -216,7 +222,7 @@ def _without_feeder_and_limits(manifest: Manifest) -> Manifest:
     if not isinstance(manifest, BenchManifest):
         return manifest
     config = manifest.config.model_copy(update={"limits": ()})
-    if config.feeder is not None:
+    if config.table is not None:
         config = config.model_copy(update={"table": config.table.model_copy(update={"feeder": None})})
     return replace(manifest, config=config)
 
@@ -252,6 +258,8 @@ class _Head:
 
     schema_version: int
     kind: str | None = None
+    tool_version: str = ""
+    started: str = ""
 
 
 _HEAD: Codec[_Head] = Codec(_Head)

@@ -3,6 +3,7 @@
 import fcntl
 import logging
 import os
+import shutil
 import sys
 from collections.abc import Callable
 from contextlib import suppress
@@ -12,8 +13,10 @@ from pathlib import Path
 from typing import Any, Generic, TypeVar
 
 from drivers.errors import InputError, RecordingError
+from rig.config.measured_values import Calibrations
 from rig.sessions.codec import Codec, json_line, json_value
 from rig.sessions.files import (
+    CALIBRATIONS,
     LOCK,
     LOG,
     MANIFEST,
@@ -31,6 +34,8 @@ from rig.sessions.rows import read_rows
 from rig.sessions.unfinished import name_interrupted, set_aside
 
 Row = TypeVar("Row")
+BEGINNING = MANIFEST + ".part"
+"""A manifest that is not complete: its session was killed when it began."""
 SESSIONS = Path("sessions")
 """Default folder of new sessions."""
 
@@ -134,9 +139,10 @@ class Session(Generic[Row]):
         if error is None or not self._begun_here or self.rows:
             return
         files = list(self.folder.iterdir())
-        if {path.name for path in files} <= {MANIFEST, LOCK, LOG}:
+        if {path.name for path in files} <= {MANIFEST, LOCK, LOG, CALIBRATIONS}:
+            shutil.rmtree(self.folder / CALIBRATIONS, ignore_errors=True)
             for path in files:
-                path.unlink()
+                path.unlink(missing_ok=True)
             with suppress(OSError):  # the current folder of another process cannot be removed
                 self.folder.rmdir()
 
@@ -172,8 +178,9 @@ def open_session(folder: Path, wanted: Manifest, codec: Codec[Row], resume: bool
         return session
     if folder.exists() and not folder.is_dir():
         raise InputError(f"{folder} is a file: give another --out")
-    # a session that was killed before its manifest was complete leaves only these files
-    if folder.exists() and any(path.name not in (LOCK, MANIFEST + ".part") for path in folder.iterdir()):
+    # calibrations without the beginning of a manifest are a user's
+    left = {path.name for path in folder.iterdir()} if folder.exists() else set()
+    if not left <= ({LOCK, BEGINNING, CALIBRATIONS} if BEGINNING in left else {LOCK}):
         raise InputError(f"{folder} is not empty and contains no session: give another --out")
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -181,8 +188,21 @@ def open_session(folder: Path, wanted: Manifest, codec: Codec[Row], resume: bool
         raise InputError(f"{folder}: cannot be created ({error.strerror}); give another --out") from error
     if not os.access(folder, os.W_OK):
         raise InputError(f"{folder}: cannot be written; give another --out")
+    if isinstance(wanted, BenchManifest):
+        _store_calibrations(folder, wanted.config.calibrations)
     write_json(folder / MANIFEST, json_value(wanted))
     return Session(folder, wanted, codec, begun_here=True)
+
+
+def _store_calibrations(folder: Path, calibrations: Calibrations) -> None:
+    """Copy the calibration files in use, if there are any. Raises `RecordingError`."""
+    try:
+        (folder / BEGINNING).touch()
+        for name, content in calibrations.contents():
+            (folder / CALIBRATIONS).mkdir(exist_ok=True)
+            write_file(folder / CALIBRATIONS / name, content)
+    except OSError as error:
+        raise not_written(folder, error) from error
 
 
 def newest_unfinished(kind: str, bench: str | None, folder: Path | None = None) -> Path:

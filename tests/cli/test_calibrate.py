@@ -1,9 +1,11 @@
 """`rig calibrate`: from folders to files and pages, and its error messages."""
 
+import csv
 import json
 import re
 import subprocess
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from hashlib import sha256
 from pathlib import Path
 
@@ -11,9 +13,20 @@ import cv2
 import numpy as np
 import pytest
 
-from calibration.store import read_yaml
-from drivers.types import Pose
+from calibration.store import CalibrationFile, load, read_yaml
+from calibration.verdict import Verdict
+from drivers.clock import to_ns
+from drivers.images import read_image
+from drivers.types import Frame, Pose
+from fakes.devices.camera import unit_seed
+from fakes.gel.sensor import GelSensor
+from fakes.world.fixture import tip_m
+from fakes.world.kinematics import TOOL_LENGTH_M
+from rig.calibrate.clocks import WiggleObserver
 from rig.calibrate.samples import pose_row
+from rig.config import load_bench
+from rig.config.write import write_bench
+from support.benches import lighter
 from support.command_line import rig
 from support.motions import general_scene, pivot_scene, wiggle_scene
 from support.simulated_gel import SimulatedGel
@@ -43,20 +56,122 @@ def page_is_whole(page: str, pictures: int) -> None:
     assert "nan" not in text.lower().replace("data:image", "").split("base64")[0]
 
 
+def check_camera(made: Sequence[CalibrationFile], _: Path) -> None:
+    assert str(made[0].assessment) == "good"  # with the poses that it chose by itself
+    focal_px = made[0].value["camera_matrix"]["data"][0]
+    assert focal_px == pytest.approx(640.0, abs=min(4.0, 4 * made[0].quality["sigma"][0]))
+    assert made[0].value["image_width"] == 640
+
+
+def check_hand_eye(made: Sequence[CalibrationFile], _: Path) -> None:
+    assert np.linalg.norm(np.subtract(made[0].value["translation_m"], (0.45, -0.62, 0.16))) < 2e-3
+
+
+def check_markers(made: Sequence[CalibrationFile], _: Path) -> None:
+    assert made[0].inputs["used"] == 60
+    assert made[0].value["angle_sigma_deg"] < 0.05
+
+
+def check_tactile(made: Sequence[CalibrationFile], folder: Path) -> None:
+    placed = []
+    for each in made:
+        truth = GelSensor(unit_seed(each.serials["tactile"])).mm_per_px
+        assert each.value["pixel_aspect"] == pytest.approx(truth[0] / truth[1], abs=0.015)
+        # one ball size does not determine the gel's bulge: its scale is up to a tenth too large
+        assert 1.0 < each.value["mm_per_px"][0] / truth[0] < 1.12
+        samples = folder / f"tactile-{each.serials['tactile']}-samples"
+        rows = list(csv.DictReader((samples / "catalog.csv").read_text().splitlines()))
+        assert [float(row["diameter(mm)"]) for row in rows] == [12.0] * 9
+        for row in rows:
+            pressed, untouched = (read_image(samples / row[key]) for key in ("image", "background"))
+            assert np.abs(np.subtract(pressed, untouched, dtype=int)).max() > 40
+        placed.append([(float(row["x_mm"]), float(row["y_mm"])) for row in rows])
+    assert placed[0] == [(-x, y) for x, y in placed[1]]
+
+
+def check_gripper(made: Sequence[CalibrationFile], _: Path) -> None:
+    limits, table = load_bench("fake").require("gripper").limits, made[0].value["closing"]
+    nominal = limits.max_opening_m - (np.asarray(table["counts"]) - 6) * limits.opening_per_count_m
+    assert np.abs(np.asarray(table["opening_m"]) - nominal).max() < 1.2 * limits.opening_per_count_m
+    assert made[0].quality["hysteresis_m"] < 2.0 * limits.opening_per_count_m
+
+
+def check_tcp(made: Sequence[CalibrationFile], _: Path) -> None:
+    value, sigma = made[0].value, np.asarray(made[0].quality["translation_m_sigma"])
+    off = np.abs(np.subtract(value["translation_m"], np.add((0.0, 0.0, TOOL_LENGTH_M), tip_m(0))))
+    assert (off < 4 * sigma + 5e-5).all()
+    assert sigma.max() < 5e-4
+    assert value["bench_file_tcp_m"] == pytest.approx([0.0, 0.0, TOOL_LENGTH_M])
+    assert value["tip_from_tcp_m"] == pytest.approx(list(tip_m(0)), abs=1e-3)
+
+
+CAMERA_LATE_S = 0.020
+"""Delay of the camera's frames while the clocks are compared."""
+
+
+def check_sync(made: Sequence[CalibrationFile], _: Path) -> None:
+    assert [each.serials["stream"] for each in made] == ["SIM-C0001", "SIM-D0001", "SIM-D0002"]
+    for each in made:
+        truth = -CAMERA_LATE_S if each.serials["stream"] == "SIM-C0001" else 0.0
+        assert each.assessment.verdict is Verdict.GOOD, each.assessment
+        assert each.value["add_to_stream_s"] == pytest.approx(truth, abs=1e-3)
+
+
+CAMERA = """\
+image_width: 640
+image_height: 480
+distortion_model: plumb_bob
+distortion_coefficients: {data: [0, 0, 0, 0, 0]}
+camera_matrix: {data: [640, 0, 319.5, 0, 640, 239.5, 0, 0, 1]}
+"""
+ON_BENCH = (
+    ("camera", check_camera, "--bench fake", "--serial C1", 6),
+    ("hand-eye", check_hand_eye, "--bench fake --poses 8", "--camera camera.yaml", 3),
+    ("markers", check_markers, "--bench fake", "--camera camera.yaml", 1),
+    ("tactile", check_tactile, "--bench light.toml --ball-mm 12 --presses 9", "", 3),
+    ("gripper", check_gripper, "--bench light.toml --block-mm 20 --block-mm 45 --block-mm 70", "", 1),
+    ("tcp", check_tcp, "--bench fake --poses 10", "--bench fake", 2),
+    ("sync", check_sync, "--bench light.toml", "--reference arm --stream SIM-C0001", 1),
+)
+"""Kinds with a check of their files, options on the bench and with its samples, and pictures of a page."""
+
+
 @pytest.mark.heavy
-def test_camera_is_calibrated_on_the_simulated_bench_and_again_from_its_files(tmp_path: Path) -> None:
-    done = figures("camera", "--bench", "fake", "--poses", "8", "--out", tmp_path)
-    samples = tmp_path / "camera-samples"
-    cv2.imwrite(str(samples / "nothing.png"), np.full((480, 640), 90, np.uint8))
-    again = figures("camera", "--from", samples, "--serial", "C1", "--out", tmp_path)
-    content = read_yaml(Path(again["file"]))
-    assert content["image_width"] == 640
-    assert content["camera_matrix"]["data"][0] == pytest.approx(640.0, abs=4.0)
-    assert content["calibration"]["serials"] == {"camera": "C1"}
-    assert [r["id"] for r in again["rejected"]] == ["nothing.png"]
-    page_is_whole(again["page"], 6)
-    same = figures("compare", done["file"], again["file"])
-    assert same == {"kind": "camera", "rms_px": 0.0, "middle_rms_px": 0.0, "worst_px": 0.0}
+@pytest.mark.parametrize(
+    ("kind", "check", "on_bench", "of_samples", "pictures"), ON_BENCH, ids=[each[0] for each in ON_BENCH]
+)
+def test_bench_is_calibrated_and_its_samples_give_the_same_file_again(
+    kind: str, check: Callable[[Sequence[CalibrationFile], Path], None], on_bench: str, of_samples: str,
+    pictures: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+) -> None:  # fmt: skip
+    monkeypatch.chdir(tmp_path)
+    observe = WiggleObserver.frame
+
+    def delay_camera(self: WiggleObserver, frame: Frame) -> None:
+        late_ns = to_ns(CAMERA_LATE_S) if frame.serial == "SIM-C0001" else 0
+        observe(self, replace(frame, time_ns=frame.time_ns + late_ns))
+
+    monkeypatch.setattr(WiggleObserver, "frame", delay_camera)
+    write_bench(Path("light.toml"), lighter())
+    Path("camera.yaml").write_text(CAMERA)
+    done = json.loads(calibrate(kind, *on_bench.split(), "--out", "done", "--json").stdout)["calibrations"]
+    check([load(Path(each["file"]), kind) for each in done], Path("done"))
+    samples = min(Path("done").glob("*-samples"))
+    again = figures(kind, "--from", samples, *of_samples.split(), "--out", "again")
+    for each in (*done, again):
+        assert each["simulated"] is (each is not again)
+        page_is_whole(each["page"], pictures)
+    assert again["numbers"] == done[0]["numbers"]
+    files = [Path(each["file"]) for each in (done[0], again)]
+    inputs = [load(file, kind).inputs for file in files]
+    if kind == "camera":
+        assert load(files[1], kind).serials == {"camera": "C1"}
+    assert inputs[0]["sha256"] == inputs[1]["sha256"] != sha256().hexdigest()
+    compared = calibrate("compare", *files, "--json")
+    if kind in ("markers", "tactile"):
+        assert "open their pages instead" in compared.stderr
+    else:
+        assert max(v for v in json.loads(compared.stdout).values() if isinstance(v, float)) < 0.01
 
 
 def test_refused_camera_calibration_writes_a_page_and_exits_with_2(tmp_path: Path) -> None:
@@ -67,29 +182,9 @@ def test_refused_camera_calibration_writes_a_page_and_exits_with_2(tmp_path: Pat
     done = calibrate("camera", "--from", few, "--target", "chessboard:9x6:25", "--out", tmp_path)
     assert done.returncode == 2
     assert "0 usable distinct views" in done.stderr
+    assert "left out 2 (00.png, 01.png)" in done.stderr
     assert "refused" in (tmp_path / "camera-unknown.html").read_text()
     assert read_yaml(tmp_path / "camera-unknown.yaml")["calibration"]["verdict"] == "refused"
-
-
-@pytest.mark.heavy
-def test_hand_eye_is_calibrated_on_the_simulated_bench_and_again_from_its_files(tmp_path: Path) -> None:
-    done = figures("hand-eye", "--bench", "fake", "--poses", "8", "--out", tmp_path)
-    assert done["simulated"]
-    assert np.linalg.norm(np.subtract(done["value"]["translation_m"], (0.45, -0.62, 0.16))) < 2e-3
-    page_is_whole(done["page"], 3)
-    camera = tmp_path / "camera.yaml"
-    camera.write_text(
-        "image_width: 640\nimage_height: 480\ndistortion_model: plumb_bob\ndistortion_coefficients: {data: "
-        "[0, 0, 0, 0, 0]}\ncamera_matrix: {data: [640, 0, 319.5, 0, 640, 239.5, 0, 0, 1]}\n"
-    )
-    samples = tmp_path / "hand-eye-samples"
-    again = figures("hand-eye", "--from", samples, "--camera", camera, "--out", tmp_path / "again")
-    assert again["value"]["translation_m"] == pytest.approx(done["value"]["translation_m"], abs=1e-6)
-    apart = figures("compare", done["file"], again["file"])
-    assert apart["worst_in_workspace_mm"] < 0.01
-    hashes = {read_yaml(Path(each["file"]))["calibration"]["inputs"]["sha256"] for each in (done, again)}
-    assert len(hashes) == 1
-    assert hashes != {sha256().hexdigest()}
 
 
 def write_pairs(folder: Path, rows: Mapping[str, Sequence[str]]) -> None:
@@ -107,17 +202,6 @@ def test_hand_eye_from_target_poses_needs_no_camera(tmp_path: Path) -> None:
     assert np.linalg.norm(np.subtract(done["value"]["translation_m"], truth.x.position_m)) < 1e-3
     assert {r["id"] for r in done["rejected"]} == {samples[3].id, "99"}
     assert done["quality"]["noise_robot_m"] < 1e-3
-
-
-@pytest.mark.heavy
-def test_markers_are_assessed_on_the_simulated_bench_and_again_from_its_files(tmp_path: Path) -> None:
-    done = figures("markers", "--bench", "fake", "--out", tmp_path)
-    again = figures("markers", "--from", tmp_path / "markers-samples", "--out", tmp_path / "again")
-    assert (done["simulated"], again["simulated"]) == (True, False)
-    for each in (done, again):
-        assert each["used"] == 60
-        assert each["value"]["angle_sigma_deg"] < 0.05
-        page_is_whole(each["page"], 1)
 
 
 @pytest.mark.heavy
@@ -146,19 +230,15 @@ def test_gel_is_calibrated_from_presses(tmp_path: Path) -> None:
     (tmp_path / "catalog.csv").write_text("\n".join(rows))
     done = figures("tactile", "--from", tmp_path, "--serial", "D1", "--out", tmp_path / "out")
     assert done["used"] == 12
+    assert load(Path(done["file"]), "tactile").serials == {"tactile": "D1"}
     page_is_whole(done["page"], 3)
 
 
 @pytest.mark.heavy
-def test_opening_tip_and_clocks_are_calibrated_from_files(tmp_path: Path) -> None:
+def test_opening_and_clocks_are_calibrated_from_files(tmp_path: Path) -> None:
     rows = [f"{c},{120 - 0.5 * c},{way}" for way in ("closing", "opening") for c in range(10, 200, 20)]
     (tmp_path / "gripper.csv").write_text("\n".join(["counts,opening_mm,direction", *rows]))
     assert figures("gripper", "--from", tmp_path, "--out", tmp_path / "out")["verdict"] == "good"
-    tip, poses = pivot_scene(np.random.default_rng(0), 12)
-    write_tip_poses(tmp_path, poses, "flange")
-    found = figures("tcp", "--from", tmp_path, "--out", tmp_path / "out")
-    assert found["value"]["translation_m"] == pytest.approx(tip.tolist(), abs=1e-3)
-    assert "bench_file_tcp_m" not in found["value"]
     for name, stream in zip(("robot", "camera"), wiggle_scene(np.random.default_rng(0)), strict=True):
         text = [f"{t},{v:.6f}" for t, v in zip(stream.time_ns, stream.values, strict=True)]
         (tmp_path / f"{name}.csv").write_text("\n".join(["time_ns,value", *text]))
@@ -195,6 +275,10 @@ def test_tip_poses_need_a_stated_frame_and_a_far_tip_must_be_accepted(tmp_path: 
     page = Path(found["page"]).read_text()
     for text in (*found["numbers"].values(), "tcp_m of the bench file"):
         assert text in page
+    write_tip_poses(tmp_path, poses, "flange")
+    value = figures(*command)["value"]
+    assert value["translation_m"] == pytest.approx(tip.tolist(), abs=1e-3)
+    assert "bench_file_tcp_m" not in value
 
 
 @pytest.mark.heavy

@@ -47,14 +47,12 @@ def test_dry_run_moves_nothing_and_stores_nothing(
 
 
 def test_dry_run_reports_refused_motions_and_unreachable_devices(tmp_path: Path) -> None:
-    values = load_bench("fake").model_dump()
-    values["arm"] |= {"driver": "ur5e", "host": "127.0.0.9"}
+    values = load_bench("wire").model_dump(exclude={"fakes"})
+    values["arm"]["host"] = values["gripper"]["host"] = "127.0.0.9"
     values["arm"]["limits"]["max_speed_m_s"] = 0.2
     values["table"]["top_m"] = 0.02
-    values["gripper"] |= {"driver": "robotiq_3f", "host": "127.0.0.9"}
-    values["camera"] |= {"driver": "camera", "address": "/dev/video99"}
-    for tactile in values["tactile"]:
-        tactile |= {"driver": "digit", "address": "/dev/video98"}
+    for sensor in (*values["tactile"], values["camera"]):
+        sensor["address"] = "/dev/video98"
     write_bench(tmp_path / "bench.toml", BenchConfig.model_validate(values))
     done = rig("trial", "--object", "wrench", "--lifts", "1", "--bench", tmp_path / "bench.toml", "--dry-run")
     assert done.returncode == 1, done.stderr

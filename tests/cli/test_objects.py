@@ -124,7 +124,7 @@ def test_recording_takes_every_pose_of_the_object_file(lab: Path, tmp_path: Path
         ('surface = "edge"\n', "", "no simulated twin"),
         ("lift_height_m = 0.06\n", "", "no position with a lift_height_m above 0"),
         ("width_m = 0.02", "width_m = 0.13", "fingers"),
-        ("width_m", "with_m", "line 9, column 1: position.0.with_m: unknown key (did you mean 'width_m'?)"),
+        ("width_m", "with_m", "lever.toml:9: position.0.with_m: unknown key (did you mean 'width_m'?)"),
     ],
 )
 def test_object_that_cannot_be_lifted_is_rejected_before_the_session(

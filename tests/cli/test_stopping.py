@@ -126,7 +126,7 @@ class Late:
 
 late = Late()
 stop_on_signals()
-_end("stopped by the operator", "OperatorStopError", Exit.STOPPED)
+_end(("stopped by the operator",), "OperatorStopError", Exit.STOPPED)
 """
 
 

@@ -15,11 +15,19 @@ from rig import templates
 from rig.bench.assembly import build_bench
 from rig.bench.own_devices import own_gripper
 from rig.config import load_bench
-from rig.config.fields import GripperLimitsConfig
+from rig.config.devices import OwnGripperConfig, StrokeLimits
 from rig.contract_checks import TestGripper  # noqa: F401
 
-PARALLEL = GripperLimitsConfig(
-    max_opening_m=0.085, stroke_m=0.080, resolution_m=0.0005, speed_m_s=(0.02, 0.15), force_n=(20.0, 235.0)
+PARALLEL = OwnGripperConfig(
+    driver="my_lab:MyLabGripper",
+    fingers=("B", "C"),
+    limits=StrokeLimits(
+        max_opening_m=0.085,
+        stroke_m=0.080,
+        resolution_m=0.0005,
+        speed_m_s=(0.02, 0.15),
+        force_n=(20.0, 235.0),
+    ),
 )
 
 
@@ -28,16 +36,15 @@ def bench(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> It
     config, clock = load_bench("fake"), SimulatedClock()
     if request.param == "parallel":
         monkeypatch.syspath_prepend(Path(next(iter(templates.__path__))) / "lab")
-        keys = {"driver": "my_lab:MyLabGripper", "limits": PARALLEL}
+        gripper = own_gripper(PARALLEL, PARALLEL.limits.spec(), clock)
+        made = replace(build_bench(config, seed=7)[0], clock=clock, gripper=gripper)  # type: ignore[arg-type]
     else:
         low, high = request.param
         per_count_m = config.gripper.limits.max_opening_m / (high - low)
         counts = {"min_counts": low, "max_counts": high, "opening_per_count_m": per_count_m}
         keys = {"limits": config.gripper.limits.model_copy(update=counts)}
-    own = config.model_copy(update={"gripper": config.gripper.model_copy(update=keys)})
-    made, _ = build_bench(config if request.param == "parallel" else own, seed=7)
-    if request.param == "parallel":
-        made = replace(made, clock=clock, gripper=own_gripper(own, clock))  # type: ignore[arg-type]
+        own = config.model_copy(update={"gripper": config.gripper.model_copy(update=keys)})
+        made, _ = build_bench(own, seed=7)
     made.gripper.connect()
     if request.node.get_closest_marker("moves") is not None:
         made.gripper.activate()

@@ -26,16 +26,17 @@ from support.waiting import LIMIT_S
 
 def with_own_drivers(bench: BenchConfig) -> BenchConfig:
     """Return the same bench with a user-defined driver for each device, two of them with options."""
-    arm = bench.arm.model_copy(update={"driver": f"{MODULE}:Wrist"})
-    registers = {"registers": bench.gripper.preset or "tcp"}
-    gripper = bench.gripper.model_copy(
-        update={"driver": f"{MODULE}:Hand", "options": registers, "preset": None}
-    )
-    tips = [t.model_copy(update={"driver": f"{MODULE}:Finger"}) for t in bench.tactile]
-    tips[0] = tips[0].model_copy(update={"options": {"gel": "hard"}})
-    camera = bench.camera.model_copy(update={"driver": f"{MODULE}:Eye"})
-    devices = {"arm": arm, "gripper": gripper, "tactile": tuple(tips), "camera": camera}
-    return as_real(bench).model_copy(update=devices)
+    values = as_real(bench).model_dump()
+    values["arm"]["driver"] = f"{MODULE}:Wrist"
+    registers = {"registers": values["gripper"]["preset"]}
+    values["gripper"] |= {"driver": f"{MODULE}:Hand", "options": registers, "preset": None}
+    for tip in values["tactile"]:
+        tip["driver"] = f"{MODULE}:Finger"
+        for drawn in ("markers", "look", "look_seed"):
+            del tip[drawn]
+    values["tactile"][0]["options"] = {"gel": "hard"}
+    values["camera"]["driver"] = f"{MODULE}:Eye"
+    return BenchConfig.model_validate(values)
 
 
 def rig(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:

@@ -31,7 +31,7 @@ TIPS = {"T1": 1, "T2": -1}
 PHASES_S = {"reference": 10.0, "A": 10.2, "B": 11.2, "C": 12.7, "lower": 13.7}
 SMALL: dict[str, Any] = {"size": (120, 160), "half_axes": (42.0, 18.0), "center": (60.0, 80.0)}
 MANIFEST = {
-    "schema_version": 1, "tool_version": "0.1.0", "status": "complete", "bench": "fake",
+    "schema_version": 2, "tool_version": "0.1.0", "status": "complete", "bench": "fake",
     "started": "2026-11-21T09:30:00+00:00", "simulated": True, "seed": 0,
     "serials": (*TIPS, "CAM"), "signs": TIPS, "calibration": {}, "objects": ("t1",),
 }  # fmt: skip

@@ -139,7 +139,7 @@ class WireBench(StandingBench):
     def __init__(self, config: BenchConfig) -> None:
         super().__init__(config, ConsoleOperator(lambda _: True), "")
         self.config, self.call = config, fakes_control(config).call
-        self.grasp_m = config.table.position_m[2]
+        self.grasp_m = config.require("table").position_m[2]
 
 
 @contextmanager
@@ -151,7 +151,7 @@ def serve(kind: Callable[[BenchConfig], Bench], bench: BenchConfig | None = None
 
 def as_real(bench: BenchConfig) -> BenchConfig:
     """Return a bench without [fakes], which counts as real and so must have the height of its table."""
-    table = bench.table.model_copy(update={"top_m": TABLE_M})
+    table = bench.require("table").model_copy(update={"top_m": TABLE_M})
     return bench.model_copy(update={"fakes": None, "table": table})
 
 

@@ -174,7 +174,7 @@ def _streams(
     timings = read_rows(folder / TIMING, LIFT_TIMINGS)
     timing = next(of for of in timings if (of.number, of.attempt) == (row.number, row.attempt))
     rows = []
-    for serial in (*(tactile.serial for tactile in config.tactile), config.camera.serial):
+    for serial in (*(tactile.serial for tactile in config.tactile), config.require("camera").serial):
         recorded = [frame.sequence for frame in recorded_frames(folder / row.recording, serial)]
         first, last = min(recorded), max(recorded)
         ranges = devices[serial]["ranges"]

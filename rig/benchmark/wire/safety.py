@@ -186,7 +186,7 @@ class _Place:
         self._real = folder / "real.toml"
         self._one, self._session = folder / "one", folder / "session"
         real = campaign.as_real(self._config)
-        fed = real.table.model_copy(update={"feeder": FEEDER})
+        fed = real.require("table").model_copy(update={"feeder": FEEDER})
         write_bench(self._real, real.model_copy(update={"table": fed}))
 
     def finish_a_lift(self) -> None:
@@ -282,7 +282,7 @@ class _Place:
     def put_in_order(self) -> str:
         """Put the bench in order, answering all questions with yes. Return the reason for a failure."""
         self._call("fault", device="all", kind="clear")
-        campaign.switch_on(self._config.arm.host or "")
+        campaign.switch_on(getattr(self._config.arm, "host", ""))
         benches = WireBench(self._config)
         try:
             with closing(benches), benches.for_lift(1, "in order") as (bench, operator):

@@ -15,7 +15,7 @@ from calibration.gel.noise import CameraNoise
 from drivers.errors import InputError
 from drivers.types import Image
 from fakes.studio.training_frames import LOOK_SEEDS_FROM, training_frames
-from rig.config.models import TactileConfig
+from rig.config.devices import FakeTactileConfig
 from turning_examples import SIZE, TURN_DEG, TurningFrame, example_of, turning_examples, turning_frames
 
 HEIGHT, WIDTH = 320, 240
@@ -89,9 +89,9 @@ def test_training_varies_looks_by_seeds_that_no_bench_accepts(kind: str) -> None
     assert len(seeds) >= 2
     assert min(seeds) >= LOOK_SEEDS_FROM
     sensor = {"driver": "fake", "serial": "S1", "look": "tactile-S1.npz"}
-    TactileConfig.model_validate({**sensor, "look_seed": LOOK_SEEDS_FROM - 1})
+    FakeTactileConfig.model_validate({**sensor, "look_seed": LOOK_SEEDS_FROM - 1})
     with pytest.raises(ValidationError, match="look_seed"):
-        TactileConfig.model_validate({**sensor, "look_seed": LOOK_SEEDS_FROM})
+        FakeTactileConfig.model_validate({**sensor, "look_seed": LOOK_SEEDS_FROM})
 
 
 def test_trained_network_is_exported_and_loaded(tmp_path: Path) -> None:

@@ -162,7 +162,8 @@ def test_printed_bench_file_is_read_back_with_its_addresses(transport: str, tmp_
     assert again == served
     assert again.arm.host == "127.0.0.2"
     assert again.camera.address == streams["SIM-C0001"]
-    assert (again.gripper.device or (again.gripper.host, again.gripper.port)) == gripper
+    named = again.gripper.device if transport == "rtu" else (again.gripper.host, again.gripper.port)
+    assert named == gripper
     assert again.simulated
 
 
@@ -210,5 +211,5 @@ def test_invalid_version_string_is_rejected() -> None:
 
 
 def _with_gripper(**changes: Any) -> BenchConfig:
-    config = load_bench("wire")
-    return config.model_copy(update={"gripper": config.gripper.model_copy(update=changes)})
+    gripper = {"driver": "robotiq_3f", "fingers": ("B", "C"), **changes}
+    return BenchConfig.model_validate({**load_bench("wire").model_dump(), "gripper": gripper})

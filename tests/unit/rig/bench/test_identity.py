@@ -87,7 +87,8 @@ def test_bench_is_simulated_as_long_as_its_fakes_confirm_every_device(control: C
 
 def test_bench_is_not_simulated_by_other_fakes_or_with_a_serial_line(control: ControlServer) -> None:
     values = bench(control.address).model_dump()
-    values["gripper"] |= {"transport": "rtu", "device": "/dev/ttyUSB0", "preset": None}
+    serial_line = {"transport": "rtu", "device": "/dev/ttyUSB0", "preset": "rtu"}
+    values["gripper"] = {"driver": "robotiq_3f", "fingers": ("B", "C"), **serial_line}
     for config, said in (
         (bench(f"{FAR}:5000"), "not on this computer"), (bench(None), "no side channel"),
         (BenchConfig.model_validate(values), "gripper at /dev/ttyUSB0 is not one of the fakes"),

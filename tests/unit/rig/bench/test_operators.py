@@ -28,22 +28,19 @@ from rig.terminal.questions import ask
 
 
 def real_bench() -> BenchConfig:
-    """The simulated bench's file with real drivers; none of them is connected here."""
-    config = load_bench("fake").model_dump()
-    config["arm"]["driver"], config["gripper"]["driver"] = "ur5e", "robotiq_3f"
-    config["camera"]["driver"], config["camera"]["address"] = "camera", "/dev/video0"
-    for tactile in config["tactile"]:
-        tactile["driver"] = "digit"
-    return BenchConfig.model_validate(config)
+    """The bench `wire` as a real one; none of its devices is connected here."""
+    wire = load_bench("wire")
+    camera = wire.camera.model_copy(update={"address": "/dev/video0"})
+    return wire.model_copy(update={"fakes": None, "camera": camera})
 
 
 def planned(changes: dict[str, dict[str, Any]], objects: list[str]) -> Plan:
     """Return the plan of a trial on a real bench with changed keys."""
     values = real_bench().model_dump()
-    bench = {section: {**values[section], **changed} for section, changed in changes.items()}
-    return trial_plan(
-        TrialSettings(BenchConfig.model_validate(values | bench), 0, choose_estimator()), objects, 1
-    )
+    for section, changed in changes.items():
+        for key, value in changed.items():
+            values[section][key] = values[section][key] | value if isinstance(value, dict) else value
+    return trial_plan(TrialSettings(BenchConfig.model_validate(values), 0, choose_estimator()), objects, 1)
 
 
 @pytest.mark.parametrize(

@@ -101,14 +101,14 @@ def test_bench_file_with_user_drivers_is_read_back_without_importing_them(import
     assert not imported.exists()
     stored = config(camera={"behaviour": "http://me:secret@10.0.0.2/stream"}).without_passwords()
     assert "secret" not in stored.model_dump_json()
-    assert "options" not in stored.model_dump()["arm"]
+    assert stored.arm.options == {}
 
 
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        (f'"{MODULE}:Plain"', "'ur6'", "Input should be 'fake' or 'ur5e', or a class of your own"),
-        (f'"{MODULE}:Plain"', "'ur5e'\noptions = {a = 1}", "options: is for a class of your own"),
+        (f'"{MODULE}:Plain"', "'ur6'", "must be 'fake' or 'ur5e', or a class of your own"),
+        (f'"{MODULE}:Plain"', "'ur5e'\noptions = {a = 1}", "options: has no effect with driver 'ur5e'"),
         ("[arm]", '[fakes]\ncontrol = "127.0.0.1:9"\n[arm]', "this is a real bench: remove it"),
         (f"{MODULE}:Fingers", "fake", "make all of them real or all simulated"),
     ],
@@ -200,6 +200,7 @@ def test_arm_without_wrench_is_rejected_unless_the_bench_file_declares_it() -> N
 def without_force_sensor(**options: dict[str, Any]) -> BenchConfig:
     changed = values(**options)
     changed["arm"]["force_sensor"] = False
+    del changed["arm"]["limits"]["max_contact_force_n"]
     return BenchConfig.model_validate(changed)
 
 
@@ -215,12 +216,11 @@ def test_missing_force_sensor_is_declared_once_stored_and_named_in_the_plan() ->
     made = without_force_sensor()
     assert parse_bench(bench_text(made), "file").arm.force_sensor is False
     assert BenchConfig.model_validate_json(made.model_dump_json()) == made
-    assert "force_sensor" not in config().model_dump()["arm"]
-    ours = real_bench().replace("[arm]\n", "[arm]\nforce_sensor = false\n")
-    with pytest.raises(InputError, match="force_sensor: a UR5e has one"):
-        parse_bench(ours.replace("max_contact_force_n = 20.0\n", ""), "file")
+    with pytest.raises(InputError, match=r"max_contact_force_n: is missing: write by how much"):
+        parse_bench(bench_text(made).replace("force_sensor = false", ""), "file")
+    useless = bench_text(config()).replace("[arm]\n", "[arm]\nforce_sensor = false\n")
     with pytest.raises(InputError, match="max_contact_force_n: has no effect with force_sensor = false"):
-        parse_bench(ours, "file")
+        parse_bench(useless, "file")
     motion = PlannedMotion("home", TARGET, (TARGET,), 0.1)
     guarded, unguarded = (make_plan(of, [], [motion]).text() for of in (config(), made))
     assert "20 N on the way down" in guarded

@@ -69,37 +69,37 @@ def test_given_folder_must_exist_and_a_missing_default_adds_nothing(
         (
             "width_m = 0.03",
             "width_mm = 30",
-            r"line 9, column 1: position.0.width_mm: .*did you mean 'width_m'",
+            r":9: position.0.width_mm: .*did you mean 'width_m'",
         ),
         (
             "width_m = 0.03",
             "width_m = 30.0",
-            r"line 9, column 1: position.0.width_m: .*less than 0.15, found 30.0",
+            r":9: position.0.width_m: .*less than 0.15, found 30.0",
         ),
-        ("offset_m = 0.01", 'offset_m = "1 cm"', r"line 8, column 1: position.0.offset_m: .*found '1 cm'"),
-        ("[0, 15.0]", "[]", r"line 3, column 1: orientations_deg: .*at least 1"),
-        ("[1.2, 2.5]", "[2.5, 1.2]", r"line 4, column 1: grip_mm: is not a range from above 0 to 62.5 mm"),
-        ("grip_mm = [1.2, 2.5]\n", "", r"grip_mm: Field required"),
+        ("offset_m = 0.01", 'offset_m = "1 cm"', r":8: position.0.offset_m: .*found '1 cm'"),
+        ("[0, 15.0]", "[]", r":3: orientations_deg: has too few entries"),
+        ("[1.2, 2.5]", "[2.5, 1.2]", r":4: grip_mm: is not a range from above 0 to 62.5 mm"),
+        ("grip_mm = [1.2, 2.5]\n", "", r"grip_mm: is missing"),
         (
             "2.5]\n",
             "2.5]\nlargest_grip_mm = 2.0\n",
-            r"line 5, column 1: largest_grip_mm: 2 is below grip_mm, 2.5",
+            r":5: largest_grip_mm: 2 is below grip_mm, 2.5",
         ),
-        ('id = "box"', 'id = "../box"', r"line 1, column 1: id: "),
-        ('id = "box"', 'id = "gauge:3"', r"line 1, column 1: id: "),
+        ('id = "box"', 'id = "../box"', r":1: id: "),
+        ('id = "box"', 'id = "gauge:3"', r":1: id: "),
         ('id = "box"', "id = ", r"not valid TOML: .*line 1"),
-        ('name = "cardboard box"\n', "", r"name: Field required"),
+        ('name = "cardboard box"\n', "", r"name: is missing"),
         (
             "[[position]]",
             BOX[BOX.index("[[position]]") :] + "\n[[position]]",
-            r"line 6, column 3: position: has two",
+            r":6: position: has two",
         ),
     ],
 )
 def test_invalid_value_is_named_with_file_and_line(folder: Path, old: str, new: str, said: str) -> None:
     assert old in BOX
     (folder / "box.toml").write_text(BOX.replace(old, new))
-    with pytest.raises(InputError, match=rf"box\.toml: .*{said}"):
+    with pytest.raises(InputError, match=rf"(?s)box\.toml.*{said}"):
         read_objects(folder)
 
 
@@ -117,9 +117,7 @@ def test_duplicate_object_name_is_rejected_with_both_files(folder: Path, key: st
     unlike = {"id": "crate", "name": "crate", key: value}
     text = BOX.replace('"box"', f'"{unlike["id"]}"').replace('"cardboard box"', f'"{unlike["name"]}"')
     (folder / "crate.toml").write_text(text)
-    with pytest.raises(
-        InputError, match=rf"crate\.toml: line \d, column 1: {key}: '{value.lower()}' .*(box|package)"
-    ):
+    with pytest.raises(InputError, match=rf"crate\.toml:\d: {key}: '{value.lower()}' .*(box|package)"):
         read_objects(folder)
 
 
@@ -130,12 +128,11 @@ def test_stored_bench_contains_only_the_objects_it_needs_and_a_bench_file_none(
     kept = with_objects_of(config, ["t1", "box"])
     assert BenchConfig.model_validate_json(kept.model_dump_json()).objects == kept.objects == config.objects
     without = with_objects_of(config, ["t1"])
-    assert "objects" not in without.model_dump(), "as sessions from before have it"
     assert with_more(without, kept.objects).objects == kept.objects
     assert "cardboard" not in bench_text(config)
     file = tmp_path / "bench.toml"
     file.write_text("objects = []\n" + bench_text(config))
-    with pytest.raises(InputError, match="line 1, column 1: objects: must not be in a bench file"):
+    with pytest.raises(InputError, match=":1: objects: must not be in a bench file"):
         load_bench(str(file))
 
 

@@ -2,6 +2,7 @@
 
 import re
 from itertools import combinations
+from pathlib import Path
 
 import pytest
 
@@ -11,14 +12,23 @@ from rig.config.load import parse_bench
 from rig.config.parts import NEEDS, require_parts, working
 from rig.config.write import bench_text
 from support.benches import real_bench
+from support.command_line import rig
 
 FAKE = (BENCHES / "fake.toml").read_text()
 REAL = real_bench()
 DESK = 'name = "desk"\n[[tactile]]\ndriver = "digit"\nserial = "D20641"\n'
-EYE = 'driver = "camera"\naddress = "/dev/video4"\n'
+DIGITS = FAKE.replace('[[tactile]]\ndriver = "fake"', '[[tactile]]\ndriver = "digit"')
+CAMERA = FAKE.replace('[camera]\ndriver = "fake"', '[camera]\ndriver = "camera"\naddress = "/dev/video4"')
+HEAD, FIRST_TIP, REST = FAKE.split("[[tactile]]")
+ONE_TIP = f"{HEAD}[[tactile]]{FIRST_TIP}[camera]{REST.partition('[camera]')[2]}"
 SECTIONS = ("arm", "gripper", "tactile", "camera")
-MOVING = {command for command, needs in NEEDS.items() if "[arm]" in needs}
-STANDING = set(NEEDS) - MOVING
+ARGUMENTS = {
+    "rig record": ("--object", "7"),
+    "rig record --by hand": ("--object", "7"),
+    "rig teach": ("7",),
+    "rig calibrate tactile --ball-mm": ("9.5",),
+}
+"""What the commands of `NEEDS` need on the command line besides a bench."""
 
 
 def without(*sections: str, text: str = FAKE) -> BenchConfig:
@@ -40,20 +50,6 @@ def refusal(text: str) -> str:
     return str(raised.value)
 
 
-def as_digits(text: str) -> str:
-    """Make the fingertips of a bench file real."""
-    head, *tips = text.split("[[tactile]]")
-    last, camera, tail = tips[-1].partition("[camera]")
-    real = [tip.replace('driver = "fake"', 'driver = "digit"') for tip in [*tips[:-1], last]]
-    return "[[tactile]]".join([head, *real]) + camera + tail
-
-
-def with_camera(text: str) -> str:
-    """Make the camera of a bench file real."""
-    head, camera, tail = text.partition("[camera]\n")
-    return head + camera + tail.replace('driver = "fake"', EYE, 1)
-
-
 def test_one_sensor_is_a_bench_whose_missing_sections_are_named() -> None:
     config = parse_bench(DESK, "b.toml")
     assert [t.serial for t in config.tactile] == ["D20641"]
@@ -61,10 +57,23 @@ def test_one_sensor_is_a_bench_whose_missing_sections_are_named() -> None:
     assert config.drivers == {"digit"}
     assert not config.has("arm")
     with pytest.raises(InputError, match=r"bench 'desk' has no \[arm\]: add it to the bench file"):
-        _ = config.arm.driver
-    stored = config.model_dump(mode="json")
-    assert not {"arm", "gripper", "camera", "table"} & stored.keys()
-    assert BenchConfig.model_validate(stored) == config
+        config.require("arm")
+    assert BenchConfig.model_validate(config.model_dump(mode="json")) == config
+
+
+def test_each_command_that_one_sensor_cannot_serve_lists_the_missing_sections() -> None:
+    config = parse_bench(DESK, "b.toml")
+    whole, calibrate = "[arm], [gripper], two [[tactile]] and [camera]", "rig calibrate"
+    wanted = dict.fromkeys(("rig trial", "rig record", "rig teach", f"{calibrate} gripper"), whole)
+    wanted |= {f"{calibrate} tactile --ball-mm": whole, f"{calibrate} tcp": "[arm] and [gripper]"}
+    wanted |= {f"{calibrate} hand-eye": "[arm], [gripper] and [camera]"}
+    wanted |= dict.fromkeys((f"{calibrate} {kind}" for kind in ("camera", "markers", "sync")), "[camera]")
+    works = ["rig doctor", "rig live", "rig record --by hand", f"{calibrate} tactile"]
+    assert [*working(config)] == works
+    assert {*wanted} == {*NEEDS} - {*works}
+    for command, needs in wanted.items():
+        with pytest.raises(InputError, match=re.escape(f"{command} needs {needs}, which bench 'desk' lacks")):
+            require_parts(config, command)
 
 
 @pytest.mark.parametrize("text", [FAKE, REAL], ids=["fake", "real"])
@@ -76,30 +85,41 @@ def test_any_devices_but_not_all_may_be_missing(text: str) -> None:
             assert parse_bench(bench_text(config), "b.toml") == config
 
 
-@pytest.mark.parametrize("gone", SECTIONS)
-def test_commands_are_refused_exactly_without_a_section_that_they_need(gone: str) -> None:
-    config = without(gone)
-    name = "[[tactile]]" if gone == "tactile" else f"[{gone}]"
-    for command, needs in NEEDS.items():
-        if not any(name in need for need in needs):
-            require_parts(config, command)
-            continue
-        with pytest.raises(InputError) as refused:
-            require_parts(config, command)
-        message = str(refused.value)
-        assert message.startswith(f"{command} needs ")
-        assert name in message.partition("which bench 'fake' lacks")[0]
-        assert "rig bench new FILE" in message
-        assert message.endswith(f"Without, these work: {', '.join(working(config))}")
-        assert command not in message.partition("these work: ")[2].split(", ")
+@pytest.mark.parametrize(
+    ("config", "part"),
+    [
+        (without("arm"), "[arm]"),
+        (without("gripper"), "[gripper]"),
+        (without("tactile"), "[[tactile]]"),
+        (without("camera"), "[camera]"),
+        (parse_bench(ONE_TIP, "b.toml"), "two [[tactile]]"),
+        (parse_bench(DIGITS, "b.toml"), "[arm]"),
+        (parse_bench(CAMERA, "b.toml"), "[arm]"),
+    ],
+    ids=[*SECTIONS, "second fingertip", "real fingertips", "real camera"],
+)
+def test_commands_are_refused_exactly_on_a_bench_without_a_part_that_they_need(
+    config: BenchConfig, part: str, tmp_path: Path
+) -> None:
+    file = tmp_path / "b.toml"
+    file.write_text(bench_text(config))
+    refused = [command for command, needs in NEEDS.items() if any(part in need for need in needs)]
+    allowed = [command for command in NEEDS if command not in refused]
+    said = f"{part}, which bench 'fake' lacks: add it to the bench file (rig bench new FILE"
+    if config.mixed:
+        said = "moves the arm, and bench 'fake' has simulated devices"
+    assert [*working(config)] == allowed
+    for command in allowed:
+        require_parts(config, command)
+    for command in refused:
+        shown = rig(*command.split()[1:], *ARGUMENTS.get(command, ()), "--bench", file)
+        before, found, _ = shown.stderr.partition(said)
+        assert (shown.returncode, found) == (2, said)
+        assert command.removesuffix(" --ball-mm") in before
+        assert shown.stderr.strip().endswith(f", these work: {', '.join(allowed)}")
 
 
-def test_one_fingertip_is_too_few_for_closing_fingers() -> None:
-    head, first, rest = FAKE.split("[[tactile]]")
-    config = parse_bench(f"{head}[[tactile]]{first}[camera]{rest.partition('[camera]')[2]}", "b.toml")
-    with pytest.raises(InputError, match=r"rig trial needs two \[\[tactile\]\], which bench 'fake' lacks"):
-        require_parts(config, "rig trial")
-    require_parts(config, "rig record --by hand")
+def test_whole_bench_serves_every_command() -> None:
     for whole in (*map(load_bench, ("fake", "hard", "wire")), parse_bench(REAL, "b.toml")):
         assert [*working(whole)] == [*NEEDS]
 
@@ -109,7 +129,7 @@ def test_one_fingertip_is_too_few_for_closing_fingers() -> None:
     [
         (DESK, 'name = "desk"\n', "has no device"),
         ("[[tactile]]\n", "[[tactile]]\naddres = 1\n", "did you mean 'address'"),
-        ('serial = "D20641"\n', "", "tactile.0.serial: Field required"),
+        ('serial = "D20641"\n', "", "tactile.0.serial: is missing"),
         ('"D20641"\n', '"D20641"\n[fakes]\n', "fakes: supports only complete benches"),
         ('name = "desk"\n', 'name = "desk"\nreactions_allowed = true\n', "is for benches with an arm"),
         (
@@ -145,7 +165,7 @@ def test_key_needed_beside_another_device_is_required(line: str, said: str) -> N
 def test_arm_needs_the_table_and_its_limits_also_without_a_gripper() -> None:
     assert "table: is needed beside [arm]" in refusal(FAKE.partition("[table]")[0])
     text = "\n".join(line for line in REAL.splitlines() if not line.startswith("max_contact_force_n"))
-    with pytest.raises(InputError, match=r"arm\.limits\.max_contact_force_n: is required of a real arm"):
+    with pytest.raises(InputError, match=r"arm\.limits\.max_contact_force_n: is missing: write"):
         without("gripper", "tactile", "camera", text=text)
 
 
@@ -153,31 +173,19 @@ def test_arm_needs_the_table_and_its_limits_also_without_a_gripper() -> None:
 def test_real_arm_or_gripper_beside_any_simulated_device_is_refused(fake: str) -> None:
     # a simulated bench asks no questions, needs no limits and may react to slip, so it must not move real
     # devices
-    tables = REAL.split("\n[")
-    named = [table.lstrip("[").startswith(f"{fake}]") for table in tables]
-    mixed = [
-        re.sub(r'driver = "\w+"', 'driver = "fake"', table) if is_fake else table
-        for table, is_fake in zip(tables, named, strict=True)
+    kept = [
+        table for table in REAL.split("\n[") if not table.lstrip("[").startswith((f"{fake}]", f"{fake}."))
     ]
-    message = refusal("\n[".join(mixed))
+    simulated = [table for table in FAKE.split("\n[") if table.lstrip("[").startswith(f"{fake}]")]
+    message = refusal("\n[".join([*kept, *simulated]))
     for kind in {"arm", "gripper"} - {fake}:
         assert f"{kind}.driver: is real and would react to data of simulated devices" in message
 
 
-@pytest.mark.parametrize("text", [as_digits(FAKE), with_camera(FAKE)], ids=["fingertips", "camera"])
-def test_real_sensors_beside_a_simulated_arm_work_in_commands_without_motion(text: str) -> None:
-    config = parse_bench(text, "b.toml")
-    assert config.mixed
-    assert {*working(config)} == STANDING
-    for command in MOVING:
-        with pytest.raises(InputError, match=rf"{command} moves the arm, and bench 'fake' has simulated"):
-            require_parts(config, command)
-
-
 def test_data_are_simulated_if_their_own_device_is() -> None:
-    mixed = parse_bench(as_digits(FAKE), "b.toml")
+    mixed = parse_bench(DIGITS, "b.toml")
     fault = '\n[[faults]]\ndevice = "arm"\nkind = "drop"\nat_s = 1.0\n'
-    assert "faults: work only if all devices are simulated in" in refusal(as_digits(FAKE) + fault)
+    assert "faults: work only if all devices are simulated in" in refusal(DIGITS + fault)
     assert not mixed.gives_simulated("SIM-D0001")
     assert mixed.gives_simulated("SIM-C0001")
     assert mixed.gives_simulated("arm")
@@ -189,7 +197,7 @@ def test_data_are_simulated_if_their_own_device_is() -> None:
     assert not parse_bench(REAL, "b.toml").gives_simulated("D20001", "D20002", "camera", "arm", "gripper")
 
 
-@pytest.mark.parametrize("text", [DESK, FAKE, REAL, as_digits(FAKE)], ids=["desk", "fake", "real", "mixed"])
+@pytest.mark.parametrize("text", [DESK, FAKE, REAL, DIGITS], ids=["desk", "fake", "real", "mixed"])
 def test_written_bench_reads_back_as_the_same_bench(text: str) -> None:
     config = parse_bench(text, "b.toml")
     assert parse_bench(bench_text(config), "b.toml") == config

@@ -7,10 +7,12 @@ import pytest
 
 from calibration.camera.model import CameraModel
 from calibration.markers.angle import fit_plane
+from calibration.store import CalibrationFile, save
+from calibration.verdict import Assessment
 from drivers.types import Pose
 from fakes.camera.marker_scene import MarkerScene
 from rig.config import BenchConfig
-from rig.config.in_use import CalibrationsInUse, PlaceInUse
+from rig.config.calibrations import find_calibrations
 from rig.experiments.lift_plan import TrialSettings
 from rig.experiments.trial import run_trial
 from rig.lift.agreement import distance_warning
@@ -54,10 +56,15 @@ def test_displaced_camera_is_warned_of_in_terminal_log_and_report(
     light_bench: BenchConfig, tmp_path: Path
 ) -> None:
     stands = light_bench.camera.base_T_camera()
-    nearer = PlaceInUse(
-        position_m=stands.translated(y_m=0.12).position_m, quaternion_xyzw=stands.quaternion_xyzw
-    )
-    wrong = light_bench.model_copy(update={"calibrations": CalibrationsInUse(base_T_camera=nearer)})
+    nearer = {
+        "setup": "eye-to-hand", "translation_m": stands.translated(y_m=0.12).position_m,
+        "quaternion_xyzw": stands.quaternion_xyzw,
+    }  # fmt: skip
+    serials = {"camera": "SIM-C0001"}
+    created = "2026-11-01T00:00:00+00:00"
+    file = CalibrationFile("hand-eye", serials, nearer, Assessment(), created, inputs={"simulated": True})
+    save(file, tmp_path / "hand-eye-SIM-C0001.yaml")
+    wrong = light_bench.model_copy(update={"calibrations": find_calibrations(light_bench, tmp_path)})
     folder = tmp_path / "s"
     with short_phases():
         run_trial(folder, TrialSettings(wrong, 0, choose_estimator("pca")), ["t1"], 1)

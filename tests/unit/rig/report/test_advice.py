@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from protocols.reaction import ReactionKind
-from rig.config.in_use import FileInUse
+from rig.config.measured_values import FileInUse
 from rig.report.advice import trial_notices
 from rig.report.session import Trial, read_trial
 from rig.report.trial_page import onset_table

@@ -103,16 +103,16 @@ def test_limits_of_a_bench_file_are_for_all_trials() -> None:
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("", "limits: Field required"),
+        ("", "limits: is missing"),
         (
             '[[limit]]\nfigure = "answered"\nlower = 1\n',
-            "line 1, column 3: limit: unknown key .did you mean 'limits'",
+            "limits.toml:1: limit: unknown key .did you mean 'limits'",
         ),
         ('[[limits]]\nfigure = "answered"\n', "needs lower, upper or both"),
         ('[[limits]]\nfigure = "answered"\nlower = 2\nupper = 1\n', "lower is above upper"),
         (
             '[[limits]]\nfigure = "answered"\nlowest = 2\n',
-            "line 3, column 1: limits.0.lowest: .*did you mean 'lower'",
+            "limits.toml:3: limits.0.lowest: .*did you mean 'lower'",
         ),
         ('[[limits]]\nfigure = "answered"\nlower = "much"\n', "number"),
     ],

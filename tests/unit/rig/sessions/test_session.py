@@ -51,10 +51,15 @@ def test_folder_in_use_or_with_another_request_is_refused(tmp_path: Path) -> Non
     other = trial_request(bench.model_copy(update={"camera": camera}))
     with pytest.raises(InputError, match=rf"config\.camera\.focal_px {bench.camera.focal_px}, not 700\.0"):
         open_session(tmp_path / "s", other, LIFTS, resume=True)
-    (tmp_path / "other").mkdir()
-    (tmp_path / "other" / "thesis.tex").write_text("years of work")
-    with pytest.raises(InputError, match="not empty"):
-        start(tmp_path / "other")
+    for name in ("other/thesis.tex", "bench/calibrations/camera-SIM-C0001.yaml"):
+        file = tmp_path / name
+        file.parent.mkdir(parents=True)
+        file.write_text("years of work")
+        with pytest.raises(InputError, match="not empty"):
+            start(tmp_path / name.partition("/")[0])
+        assert file.read_text() == "years of work"
+    (tmp_path / "bench" / f"{MANIFEST}.part").touch()  # as of a session that was killed when it began
+    start(tmp_path / "bench").close()
 
 
 def test_start_without_any_result_leaves_no_session(tmp_path: Path, lift_row: MakeRow) -> None:

@@ -59,6 +59,7 @@ from rig.pages.figure import band, column_files, drawing, legend_above, limits, 
 from rig.pages.page import render
 from rig.pages.palette import ESTIMATE, FIRST, SERIES, TRUTH
 from rig.report.strips import Still, still
+from rig.results.metrics import USEFUL_SIGMA_DEG
 from rig.results.scores import WRONG_DEG, WRONG_SIGMAS, is_confidently_wrong
 from rig.results.shares import Share, share_of
 from rig.tactile.estimators import EstimatorChoice, choose_estimator
@@ -71,7 +72,6 @@ SIGMAS = 2.0
 CLOSE_DEG, LABEL_SIGMAS = 3.0, 2.0
 """An error counts as small up to 3 degrees, or up to 2 label sigmas, which the label's error may explain."""
 SMALL_TURN_DEG = 30.0  # largest angle of a label that counts as a small rotation
-USEFUL_SIGMA_DEG = 5.0  # largest sigma of a useful angle
 TURNED_DEG, MISSED_SHARE = 10.0, 0.5
 """A rest is false if a label is at least 10 degrees and more than half of its angle was missed."""
 TIMES_ALONE = "times the estimator alone: median, 99 %"

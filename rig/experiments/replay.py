@@ -89,9 +89,9 @@ def replay_lift(
 ) -> tuple[Lift | None, str | None]:
     """Replay one recorded lift.
 
-    Returns its row with the measured part computed again and with its fused angles, None if its recording
-    cannot be read, and the unreadable part of the recording, if any. around_gaps: use the rest of a recording
-    that is damaged in part.
+    Returns its row with the measured part computed again, its fused angles and its computing time per frame,
+    None if its recording cannot be read, and the unreadable part of the recording, if any. around_gaps: use
+    the rest of a recording that is damaged in part.
     """
     gaps, path = Gaps() if around_gaps else None, folder / row.recording
     compute_in_one_thread()
@@ -102,7 +102,9 @@ def replay_lift(
         again = evaluate_lift(measurement, row)
     except RigError as error:
         return None, gaps_text(path, gaps, error) if gaps else str(error)
-    fused = replace(again, angles={FUSED: again.estimate})
+    total = measurement.stage_times().get("total")
+    frame_ms = None if total is None else total.p50_ms or None  # an estimator need not time its stages
+    fused = replace(again, angles={FUSED: again.estimate}, frame_ms=frame_ms)
     return fused, gaps_text(path, gaps) if gaps else None
 
 

@@ -254,6 +254,7 @@ class FusedObject:
         streams = {name: sensor.stream for name, sensor in self._sensors.items() if sensor.stream is not None}
         tracks = {name: stream.track for name, stream in streams.items() if stream.track.samples}
         zeros = [track.zero_sample for track in tracks.values()]
+        zeros_s = [sensor.zero_s for sensor in self._sensors.values()]
         if zeros != self._zeros:
             self._zeros = zeros
             self._fusion.restart()
@@ -262,16 +263,17 @@ class FusedObject:
             [track.newest() for name, track in tracks.items() if name != now.name],
         )
         fused = self._fusion.update(newest.newest(), others, newest.previous())
+        time_ns = max(track.newest().time_ns for track in tracks.values())  # frames may arrive out of order
         waits = fused.angle_deg is None and fused.state is State.TRACKING
         return Reading(
             OBJECT,
-            now.time_ns,
+            time_ns,
             fused.disagreement or (NO_REFERENCE if waits else fused.state.value),
             replace(fused, slip=any(sensor.slip for sensor in self._sensors.values())),
             fps=now.fps,
-            latency_s=(self._clock.now_ns() - now.time_ns) / NS_PER_S,
+            latency_s=(self._clock.now_ns() - time_ns) / NS_PER_S,
             dropped=sum(sensor.dropped for sensor in self._sensors.values()),
-            zero_s=max((zero.time_ns / NS_PER_S for zero in zeros if zero is not None), default=None),
+            zero_s=None if None in zeros_s else max(time_s for time_s in zeros_s if time_s is not None),
             slips_s=tuple(sorted(time_s for stream in streams.values() for time_s in stream.slips_s)),
         )
 

@@ -115,10 +115,10 @@ class Reading:
 
     sample: None while the background is taken or the estimator is prepared, and if no frames arrive. fps:
     frame rate from capture times, None at first and if no frames arrive. latency_s: time from capture to the
-    angle. dropped: number of lost or skipped frames. zero_s: time of the frame whose angle is 0, None without
-    a reference. background: its origin. doubt: why the background is doubtful, else empty. outline: of the
-    contact, (N, 2) px, x right and y down. frame: None for the object, and if no frames arrive. slips_s:
-    capture times at which the slip alarm was raised, s.
+    angle. dropped: number of lost or skipped frames. zero_s: time of the frame whose angle is 0, None until
+    the contact has settled. background: its origin. doubt: why the background is doubtful, else empty.
+    outline: of the contact, (N, 2) px, x right and y down. frame: None for the object, and if no frames
+    arrive. slips_s: capture times at which the slip alarm was raised, s.
     """
 
     name: str
@@ -228,8 +228,8 @@ class DeskSensor:
 
     @property
     def zero_s(self) -> float | None:
-        """Capture time of the frame whose angle is 0, s; None without a reference."""
-        zero = None if self.stream is None else self.stream.track.zero_sample
+        """Capture time of the frame whose angle is 0, s; None until the contact has settled."""
+        zero = self.stream.track.zero_sample if self.stream is not None and self.stream.settled else None
         return None if zero is None else zero.time_ns / NS_PER_S
 
     def take(self, frame: Frame, clock: Clock) -> Reading:

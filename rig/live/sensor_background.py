@@ -17,7 +17,6 @@ from rig.tactile.sample import NO_COLOUR, has_colour
 
 BACKGROUND_FRAMES = 15
 """Number of frames that are averaged for the background."""
-PRESS = "press an object on the gel"
 PRESS_BUTTON = "lift the object, press Take background"
 """Remedy for a doubtful background on the page."""
 
@@ -108,7 +107,7 @@ class SensorBackground:
                 news += f" and stored for serial {self._serial}"
             except RecordingError as error:
                 news += f" (not stored: {error})"
-        return self._next(news, image)
+        return self._with_doubt(news, image)
 
     def _compare(self, stored: Image, taken: datetime, now: Image) -> str:
         """Use a stored background unless the present gel shows that it is outdated; return the news."""
@@ -118,7 +117,7 @@ class SensorBackground:
             return f"the gel has changed since the {name} ({change.text}): a new background was taken"
         self._use(stored, f"of serial {self._serial}, from {taken:%Y-%m-%d %H:%M}")
         if change.contact is None:
-            return self._next(f"{name} is used: gel unchanged ({change.text})", now)
+            return self._with_doubt(f"{name} is used: gel unchanged ({change.text})", now)
         return (
             f"{name} is used: something touches the gel ({change.text}); if nothing does, press Take "
             "background"
@@ -129,9 +128,10 @@ class SensorBackground:
         self._check = BackgroundCheck(image)
         self._doubted = bool(self.doubt)
 
-    def _next(self, news: str, image: Image) -> str:
-        """Return the news, followed by the next step for the user."""
-        return f"{news}; {self.doubt or (PRESS if has_colour(image) else NO_COLOUR)}"
+    def _with_doubt(self, news: str, image: Image) -> str:
+        """Return the news, followed by why no angle or a wrong one is expected."""
+        doubt = self.doubt or ("" if has_colour(image) else NO_COLOUR)
+        return f"{news}; {doubt}" if doubt else news
 
     def _reject(self) -> str:
         """Return the doubt, and delete the stored background, so that it is not offered at the next start."""

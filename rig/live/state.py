@@ -39,6 +39,8 @@ WITH_CONTACT = ("tracking", "rekeyed", "unobservable", "lost")
 """States of an estimate with contact, see `rig.tactile.sample.State`."""
 UNKNOWN = ("frozen", NO_FRAMES)
 """States in which it is unknown whether there is a contact."""
+NOTICE_S = 5.0
+"""Time for which a page with sensors shows a notice; after that it shows the next step for their state."""
 SILENT_S = 3.0
 """Images of one process are shown; after this time without an image, those of another process."""
 
@@ -152,42 +154,35 @@ class History:
             return
         if sensor.contact != contact:
             self.add_event("contact" if sensor.contact else "contact ended", message.values["t_s"], name)
-        for text, time_s, count in _events(before, message.values):
-            self.add_event(text, time_s, name, count)
+        for text, time_s in _events(before, message.values):
+            self.add_event(text, time_s, name)
 
-    def add_event(self, text: str, time_s: float, sensor: str = "", count: int = 1) -> None:
+    def add_event(self, text: str, time_s: float, sensor: str = "") -> None:
         """Add an event, or count it with one of the same text and sensor less than `MERGED_S` before."""
         self.changes += 1
         time_s = round(time_s, TIME_DIGITS)
         same = (e for e in reversed(self.events) if (e["text"], e["sensor"]) == (text, sensor))
         last = next(same, None)
         if last is None or not 0.0 <= time_s - last["last_s"] < MERGED_S:
-            values = {"t_s": time_s, "last_s": time_s, "sensor": sensor, "text": text, "count": count}
+            values = {"t_s": time_s, "last_s": time_s, "sensor": sensor, "text": text, "count": 1}
             self.events.append({"number": self.changes, **values})
-        elif text == ZERO:  # the first angle of a contact, then the settled one, which counts
-            last["t_s"] = last["last_s"] = time_s
         else:
-            last["last_s"], last["count"] = time_s, last["count"] + count
+            last["last_s"], last["count"] = time_s, last["count"] + 1
 
 
-ZERO = "zero"
-
-
-def _events(before: dict[str, Any], now: dict[str, Any]) -> Iterator[tuple[str, float, int]]:
-    """Yield text, time in s and count of the events between two readings of a sensor; the first may be {}.
+def _events(before: dict[str, Any], now: dict[str, Any]) -> Iterator[tuple[str, float]]:
+    """Yield text and time in s of the events between two readings of a sensor; the first may be {}.
 
     `History.take` adds those where a contact begins or ends.
     """
     if now["state"] in UNKNOWN and now["state"] != before.get("state"):
-        yield now["state"], now["t_s"], 1
+        yield now["state"], now["t_s"]
     if now["zero_s"] not in (None, before.get("zero_s")):
-        yield ZERO, now["zero_s"], 1
+        yield "zero", now["zero_s"]
     if now["slip"] and not before.get("slip"):
-        yield "slip", now["t_s"], 1
-    if (lost := now["dropped"] - before.get("dropped", 0)) > 0:
-        yield "frames dropped", now["t_s"], lost
+        yield "slip", now["t_s"]
     if now["background"] not in ("", before.get("background")):
-        yield f"background {now['background']}", now["t_s"], 1
+        yield f"background {now['background']}", now["t_s"]
 
 
 @dataclass(slots=True)
@@ -309,6 +304,8 @@ class WatchState:
     version: int = 0
     """Number of changes by messages of lifts and sensors."""
     notice: str = ""
+    noticed_s: float = 0.0
+    """Time at which the notice arrived, s by `time.monotonic`."""
     lock: threading.RLock = field(default_factory=threading.RLock)
     _lifts: dict[int, LiftInView] = field(default_factory=dict)
     _pictures: dict[str, tuple[int, bytes]] = field(default_factory=dict)
@@ -319,12 +316,13 @@ class WatchState:
         """Return the state without images, as JSON values."""
         with self.lock:
             self.read()
+            newest_s = time.monotonic() - NOTICE_S
             lifts = sorted(self._lifts.values(), key=lambda lift: lift.number)
             return {
                 **asdict(self.progress),
                 "lifts": [lift.values() for lift in lifts],
                 "pictures": {serial: number for serial, (number, _) in self._pictures.items()},
-                "notice": self.notice,
+                "notice": self.notice if not self.history.sensors or self.noticed_s > newest_s else "",
                 "events": list(self.history.events),
                 "began_s": self.history.began_s,
             }
@@ -350,7 +348,7 @@ class WatchState:
     def _read(self, message: Message) -> None:
         values = message.values
         if message.kind == "notice":
-            self.notice = str(values["text"])[:MOST_CHARACTERS]
+            self.notice, self.noticed_s = str(values["text"])[:MOST_CHARACTERS], time.monotonic()
         elif message.kind == "sensor":
             self.history.take(message)
         elif message.kind == "mark":

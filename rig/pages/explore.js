@@ -6,7 +6,8 @@
   const all = (selector, within = document) => [...within.querySelectorAll(selector)];
   const colour = name => name && (getComputedStyle(root).getPropertyValue(`--${name}`).trim() || name);
   const made = (tag, values = {}) => Object.assign(document.createElement(tag), values);
-  const number = text => parseFloat(text.replace("%", "").replace("−", "-"));
+  const parsed = text => parseFloat(text.replace("%", "").replace("−", "-"));
+  const ticked = (u, values) => values.map(value => value == null ? "" : number(value));
   root.classList.add("explorable");
 
   // --- tables -------------------------------------------------------------------------------------------
@@ -20,9 +21,9 @@
         all("th", table).forEach(th => th.removeAttribute("aria-sort"));
         head.setAttribute("aria-sort", falling ? "descending" : "ascending");
         const rows = all("tr:not(.total)", body).map(row => [row, row.cells[column].textContent.trim()]);
-        const numeric = rows.some(([, text]) => !isNaN(number(text))) && !head.classList.contains("text");
+        const numeric = rows.some(([, text]) => !isNaN(parsed(text))) && !head.classList.contains("text");
         const order = ([, a], [, b]) => numeric
-          ? (isNaN(number(a)) - isNaN(number(b)) || number(a) - number(b))
+          ? (isNaN(parsed(a)) - isNaN(parsed(b)) || parsed(a) - parsed(b))
           : a.localeCompare(b, undefined, {numeric: true});
         rows.sort((a, b) => falling ? order(b, a) : order(a, b));
         body.prepend(...rows.map(([row]) => row));
@@ -48,7 +49,7 @@
         const least = made("input", {type: "number", step: "any", min: 0});
         label.append("at least ", least);
         form.append(label);
-        return [row => !least.value || number(cell(row)) >= least.valueAsNumber];
+        return [row => !least.value || parsed(cell(row)) >= least.valueAsNumber];
       }
       return [];
     });
@@ -179,7 +180,7 @@
         return 12 + Math.max(0, ...(texts || []).flatMap(text => `${text}`.split("\n")).map(text => u.ctx.measureText(text).width));
       };
       return {...(name === "y" && {label, labelSize: 20, labelFont: font}), font, stroke: colour("ink"), ticks: {show: false},
-        grid: {stroke: colour("line"), width: 1, show: !ticks}, size: name === "y" ? widest : 30,
+        grid: {stroke: colour("line"), width: 1, show: !ticks}, size: name === "y" ? widest : 30, values: ticked,
         ...(date && {values: dates, space: 90}), ...(ticks && {splits: () => ticks.map(([at]) => at), values: () => ticks.map(([, text]) => text)})};
     }
 
@@ -272,11 +273,11 @@
   }
 
   function plotted(panel, last) {
-    const series = [{label: "time, s", value: (u, v) => v == null ? "" : v.toFixed(3)}], bands = [];
+    const series = [{label: "time, s", value: (u, v) => v == null ? "" : number(v, 3)}], bands = [];
     const tables = panel.series.map(of => {
       const [times, values, half] = of.table, stroke = colour(of.colour);
       series.push({label: of.label, stroke, width: of.width, dash: of.dash || [], points: {show: false},
-        value: (u, v) => v == null ? "" : v.toFixed(2)});
+        value: (u, v) => v == null ? "" : number(v, 2)});
       if (!half) return of.table;
       bands.push({series: [series.length + 1, series.length], fill: `${stroke}38`});
       const unseen = {stroke: "transparent", points: {show: false}, class: "unseen"};
@@ -284,12 +285,12 @@
       const edge = side => values.map((v, i) => v == null ? null : v + side * half[i]);
       return [times, values, edge(-1), edge(1)];
     });
-    const axis = {stroke: colour("ink"), grid: {stroke: colour("line"), width: 1}, ticks: {show: false}};
+    const axis = {stroke: colour("ink"), grid: {stroke: colour("line"), width: 1}, ticks: {show: false}, values: ticked};
     const u = new uPlot({
-      width: part(".plots").clientWidth, height: (last ? 40 : 18) + panel.height, series, bands,
+      width: part(".plots").clientWidth, height: (last ? 40 : 24) + panel.height, series, bands,
       scales: {x: {time: false, range: (u, low, high) => [low, high]}, ...(panel.limits && {y: {range: panel.limits}})},
       axes: [{...axis, show: last, size: 30}, {...axis, label: panel.label, labelSize: 18, size: 42}],
-      padding: [18, 8, 0, 0],
+      padding: [18, 8, last ? 0 : 6, 0],
       cursor: {y: false, sync: {key: "lift", scales: ["x", null]}, drag: {x: true, y: false}, points: {size: 6}},
       hooks: {drawClear: [phases], setCursor: [u => { if (u === plots[0]) follow(u); }]},
     }, uPlot.join([[lift.range], ...tables]), part(".plots"));
@@ -302,7 +303,7 @@
 
   function filmed(time) {
     scrubber.value = time;
-    said.textContent = `${time.toFixed(2)} s`;
+    said.textContent = number(time, 2, " s");
     const film = lift.film;
     if (!film) return;
     let frame = film.times.findIndex(t => t > time);

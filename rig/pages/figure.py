@@ -32,6 +32,7 @@ from matplotlib.text import Text
 from matplotlib.ticker import FixedLocator
 from numpy.typing import NDArray
 
+from rig.pages.numbers import with_minus
 from rig.pages.palette import INK, LINE, MUTED, NAME_BY_LIGHT_HEX, PAPER
 
 Floats = NDArray[np.float64]
@@ -256,7 +257,7 @@ def plot_data(figure: Figure, spots: Sequence[Spot]) -> dict[str, Any]:
         "y": _axis(axes.yaxis, units[1]),
         "shapes": [{**shape, "at": _rounded(shape["at"] * units)} for shape in shapes],
         "key": [{"label": text, **_line(line)} for line, text in key if isinstance(line, Line2D)],
-        "spots": [(*at, spot.text, spot.anchor) for at, spot in zip(places, spots, strict=True)],
+        "spots": [(*at, with_minus(spot.text), spot.anchor) for at, spot in zip(places, spots, strict=True)],
     }
 
 

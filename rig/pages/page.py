@@ -9,6 +9,7 @@ from typing import Any
 from jinja2 import Environment, FunctionLoader, StrictUndefined
 from markupsafe import Markup
 
+from rig.pages.numbers import with_minus
 from rig.pages.palette import variables
 
 FEWEST_HEADINGS = 4
@@ -18,6 +19,12 @@ _HEADING = re.compile(r"<h2>(.*?)</h2>", re.DOTALL)
 
 def render(package: str, template: str, **values: Any) -> str:
     """Render a template of `package` that extends `base.html`."""
+    style = Markup(f"{variables()}\n") + asset("style.css")  # noqa: S704 - colours of this package
+    return with_contents(environment(package).get_template(template).render(style=style, **values))
+
+
+def environment(package: str) -> Environment:
+    """Return the environment of the templates of `package` and of this package."""
 
     def load(name: str) -> str | None:
         for place in (package, "rig.pages"):
@@ -26,19 +33,19 @@ def render(package: str, template: str, **values: Any) -> str:
                 return file.read_text(encoding="utf-8")
         return None
 
-    environment = Environment(
+    made = Environment(
         autoescape=True,
         loader=FunctionLoader(load),
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
+        finalize=with_minus,
         extensions=["jinja2.ext.loopcontrols"],
     )
-    environment.filters["data"] = data_uri
-    environment.globals["asset"] = asset
-    environment.policies["json.dumps_kwargs"] = {"separators": (",", ":"), "allow_nan": False}
-    style = Markup(f"{variables()}\n") + asset("style.css")  # noqa: S704 - colours of this package
-    return with_contents(environment.get_template(template).render(style=style, **values))
+    made.filters["data"] = data_uri
+    made.globals["asset"] = asset
+    made.policies["json.dumps_kwargs"] = {"separators": (",", ":"), "allow_nan": False}
+    return made
 
 
 def asset(name: str) -> Markup:

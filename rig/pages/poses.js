@@ -56,7 +56,7 @@
 
     function describe() {
       about.textContent = pointed
-        ? `${pointed.name}: x ${pointed.at[0].toFixed(3)}, y ${pointed.at[1].toFixed(3)}, z ${pointed.at[2].toFixed(3)} m`
+        ? `${pointed.name}: x ${number(pointed.at[0], 3)}, y ${number(pointed.at[1], 3)}, z ${number(pointed.at[2], 3, " m")}`
         : `Grid: ${step} m. Drag, or use the arrow keys, to rotate; point at a pose to read its position.`;
     }
 

@@ -11,10 +11,10 @@ from calibration.verdict import Verdict
 from drivers.errors import counted, without_values
 from protocols.reaction import ReactionKind
 from rig.config.measured_values import FileInUse
-from rig.report.charts import FEWEST_FRAMES, sigma_ratios
+from rig.report.charts import FEWEST_FRAMES, sigma_ratios, useful_share
 from rig.report.parts import Notice, Table, joined
 from rig.report.session import Trial, with_angles
-from rig.results.metrics import FEWEST_LIFTS
+from rig.results.metrics import FEWEST_LIFTS, USEFUL_SIGMA_DEG
 from rig.results.summary import ADVICE, main_refusal
 from rig.sessions.manifest import BenchManifest
 from rig.sessions.records import Lift, LiftOutcome, totals
@@ -24,6 +24,10 @@ MOST_DROPPED, MOST_UNSEEN = 0.001, 0.05
 BIG_TURN_DEG, FEW_BIG_TURNS = 5.0, 0.3
 MOST_BEYOND = 0.3
 """Accepted fraction of a lift's frames with an error beyond 2 sigma; the expected fraction is 5 %."""
+MEDIAN_RATIO, MOST_TIMES = 0.67, 3.0
+"""Median of |error| / sigma of normal errors, and how many times smaller it may be."""
+LEAST_USEFUL = 0.7
+"""Smallest share of useful angles in a lift without a warning."""
 NEEDED = ("camera", "hand-eye")
 """Calibrations that the marker angle depends on."""
 
@@ -112,7 +116,7 @@ def _unseen(lift: Lift) -> float:
 
 
 def sigma_notices(lifts: Sequence[Lift]) -> Iterator[Notice]:
-    """Yield warnings about sigmas that are too small, over all lifts and, worst first, of single ones.
+    """Yield warnings about sigmas that are too small or too large, first of all lifts, then of single ones.
 
     The fraction over all lifts can hide single ones. Lifts without a sigma give none.
     """
@@ -121,6 +125,21 @@ def sigma_notices(lifts: Sequence[Lift]) -> Iterator[Notice]:
         factor = float(np.percentile(ratios, 95.0)) / 2.0
         what = f"Sigma is too small: {covered:.0%} of the errors are within 2 sigma, 95 % should be."
         yield Notice("warn", what, f"Read the bands as if they were {factor:.1f} times as wide.")
+    median = float(np.median(ratios)) if ratios.size >= FEWEST_FRAMES else MEDIAN_RATIO
+    if median < MEDIAN_RATIO / MOST_TIMES:
+        what = f"Sigma is too large: half of the errors are below {median:.2f} sigma, normal ones below"
+        advice = f"Read the bands as if they were {MEDIAN_RATIO / max(median, 0.01):.0f} times as narrow."
+        yield Notice("warn", f"{what} {MEDIAN_RATIO:.2f}.", advice)
+    useful = [(share, lift.title) for lift in lifts if (share := useful_share(lift)) is not None]
+    if vague := sorted(each for each in useful if each[0] < LEAST_USEFUL):
+        named = joined([f"{name} ({share:.0%})" for share, name in vague])
+        what = (
+            f"Less than {LEAST_USEFUL:.0%} of the angles have a sigma of at most {USEFUL_SIGMA_DEG:g} degrees"
+        )
+        advice = (
+            "The estimator does not know these angles, even if they are right: grasp where there are edges."
+        )
+        yield Notice("warn", f"{what} in {named}.", advice)
     shares = [
         (float(np.mean(own > 2.0)), lift.title)
         for lift in lifts

@@ -32,7 +32,7 @@ from rig.pages.palette import (
 )
 from rig.report.parts import Chart, anchor
 from rig.report.strips import rgb
-from rig.results.metrics import Floats
+from rig.results.metrics import USEFUL_SIGMA_DEG, Floats
 from rig.sessions.records import Lift, LiftOutcome
 from rig.tactile.angles import FUSED, MARKERS, Angles
 
@@ -223,6 +223,16 @@ def sigma_ratios(lifts: Sequence[Lift]) -> Floats:
             ratio = np.abs(lift.error_deg) / lift.estimate.sigma_deg
         parts.append(ratio[lift.within("B", "C") & np.isfinite(ratio)])
     return np.concatenate(parts)
+
+
+def useful_share(lift: Lift) -> float | None:
+    """Return the share of the frames in B and C with a useful angle; None for a lift without sigmas."""
+    inside, sigma_deg = lift.within("B", "C"), lift.estimate.sigma_deg
+    if not np.isfinite(sigma_deg[inside]).any():
+        return None
+    return float(
+        np.mean(np.isfinite(lift.estimate.angle_deg[inside]) & (sigma_deg[inside] <= USEFUL_SIGMA_DEG))
+    )
 
 
 def finals_chart(lifts: Sequence[Lift]) -> Chart | None:

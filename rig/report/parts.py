@@ -11,6 +11,7 @@ from markupsafe import Markup, escape
 from matplotlib.figure import Figure
 
 from rig.pages.figure import Spot, drawn_svg, plot_data, with_own_ids
+from rig.pages.numbers import with_minus
 from rig.results.metrics import Mare
 from rig.sessions.manifest import BenchManifest, TrialManifest
 from rig.sessions.records import Lift
@@ -114,6 +115,7 @@ def joined(items: Sequence[str], most: int = 4) -> str:
 
 def linked(text: str, anchors: Mapping[str, str]) -> Markup:
     """Return a text as HTML, with each name of a lift in it as a link. anchors: ids in the page, by name."""
+    text = with_minus(text)
     if not anchors:
         return escape(text)
     names = "|".join(map(re.escape, sorted(anchors, key=len, reverse=True)))
@@ -136,7 +138,7 @@ def made_text(when: datetime | None = None) -> str:
 def angle_text(angle_deg: float | None) -> str:
     if angle_deg is None or not math.isfinite(angle_deg):
         return "refused"
-    return f"{round(angle_deg, 1) + 0.0:+.1f}°"
+    return with_minus(f"{angle_deg:+z.1f}°")
 
 
 def header(manifest: BenchManifest, what: str) -> dict[str, str]:

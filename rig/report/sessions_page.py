@@ -20,6 +20,9 @@ from rig.results.metrics import INTERVAL, Mare, mare_text
 CHOSEN = ("kind", "bench", "objects", "estimator", "tags", "operator", "reaction", "limits", "state")
 """Columns in which the reader can choose a value."""
 
+_LEAST_DAYS = 5.0 / 1440.0
+"""Smallest margin of the time axis, in matplotlib's unit: of one session it would show years."""
+
 
 def write_sessions(
     page: Path, folder: Path, entries: Sequence[SessionEntry], columns: Mapping[str, Sequence[str]]
@@ -47,7 +50,7 @@ def write_sessions(
             if chart := _error_chart(sorted(known, key=lambda point: point[0]), title):
                 charts.append(chart)
     table = Table(list(columns), rows, text, filters=chosen)
-    values = {"folder": str(folder), "table": table, "charts": charts, "made": made_text()}
+    values = {"folder": str(folder.resolve()), "table": table, "charts": charts, "made": made_text()}
     write_page(page, render("rig.report", "sessions.html", **values))
 
 
@@ -65,6 +68,8 @@ def _error_chart(known: Sequence[tuple[datetime, str, Mare]], title: str) -> Cha
         locator = AutoDateLocator(minticks=3, maxticks=6)
         axes.xaxis.set_major_locator(locator)
         axes.xaxis.set_major_formatter(ConciseDateFormatter(locator))
+        margin = max(0.05 * (max(dates) - min(dates)), _LEAST_DAYS)
+        axes.set_xlim(min(dates) - margin, max(dates) + margin)
         axes.set_ylim(0.0, 1.15 * axes.dataLim.ymax or 1.0)
         axes.set_xlabel("start of the session, UTC", loc="left")
         axes.set_ylabel("MARE in B and C, degrees")

@@ -64,14 +64,12 @@ def _stored_side(folder: Path, name: str | None, manifest: TrialManifest) -> Sid
 
 
 def estimator_side(folder: Path, estimator: str, jobs: int, progress: Progress) -> Side:
-    """Return a session's lifts with an estimator; the stored results if the session used this estimator.
+    """Return a session's lifts, estimated again with an estimator, so that both sides are timed alike.
 
     Raises `InputError` for an unknown estimator, `SessionError` for a damaged session.
     """
     manifest = read_manifest_of(folder, TrialManifest, ONLY_TRIALS)
     trial, stored = trial_of(folder, manifest, estimator), _stored_side(folder, estimator, manifest)
-    if trial.own_estimator:
-        return stored
     wanted = trial.settings.estimator
     found, problems = replay_lifts(folder, trial.settings, jobs, progress)
     if not found:

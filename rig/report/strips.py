@@ -26,6 +26,8 @@ from rig.tactile.contact.finder import ContactFinder
 from rig.tactile.paper.axis import ellipse_axis
 
 FRAMES = 6
+SHORTEST_S = 0.2
+"""Shortest rotation whose steps are shown; of a shorter one the whole lift is shown."""
 BACKGROUND_FRAMES = 10
 """Number of frames before the grasp whose mean is the background of drawn outlines."""
 JPEG_QUALITY = 85
@@ -115,13 +117,15 @@ def pictures(
 
 
 def strip(path: Path, stored: Stored, lift: Lift, serial: str, sign: int | None) -> list[Still]:
-    """Return small images of a source over a lift: at the zero, during the slip, at the end.
+    """Return small images of a source over a lift, see `moments`.
 
     Arguments and errors are those of `pictures`.
     """
     stills, picture_at = [], pictures(path, stored, lift, serial, sign)
+    largest_s = largest_error_s(lift)
     for time_s in moments(lift):
         picture, text = picture_at(time_s)
+        text += ", largest error" if time_s == largest_s else ""
         scale = min(1.0, LONG_SIDE_PX / max(picture.shape[:2]))
         small = cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
         stills.append(still(np.asarray(small, np.uint8), text))
@@ -134,8 +138,14 @@ def still(picture: Image, text: str) -> Still:
     return Still(encode_jpeg(picture, JPEG_QUALITY), text, (width, height))
 
 
+def largest_error_s(lift: Lift) -> float | None:
+    """Return the time of the largest error in B and C, s; None if no error is known."""
+    errors = np.where(lift.within("B", "C"), np.abs(lift.error_deg), np.nan)
+    return float(lift.estimate.time_s[np.nanargmax(errors)]) if np.isfinite(errors).any() else None
+
+
 def moments(lift: Lift, count: int = FRAMES) -> list[float]:
-    """Return the times of images, s: the zero, equal steps of the rotation, and the end of C."""
+    """Return the times of images, s: the zero, equal steps of the rotation, the largest error, the end."""
     start, end = lift.begins_s.get("B", 0.0), lift.begins_s.get("lower", 0.0)
     onset = lift.onset_truth_s if lift.onset_truth_s is not None else start
     turned = lift.truth.known
@@ -144,7 +154,11 @@ def moments(lift: Lift, count: int = FRAMES) -> list[float]:
         final = turned.angle_deg[-1]
         late = turned.time_s[np.abs(turned.angle_deg - final) < 0.05 * max(abs(final), 1.0)]
         settled = float(late[late > onset].min(initial=end))
-    return [start, *np.linspace(onset, settled, count - 1)[1:].tolist(), max(end - 0.05, start)]
+    if settled < onset + SHORTEST_S:  # a caught slip
+        settled = end
+    largest = [time_s for time_s in (largest_error_s(lift),) if time_s is not None]
+    steps = np.linspace(onset, settled, count - 1 - len(largest))[1:].tolist()
+    return sorted([start, *steps, *largest, max(end - 0.05, start)])
 
 
 def read_tip(path: Path, lift: Lift, serial: str, sign: int) -> TipFrames:

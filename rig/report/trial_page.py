@@ -32,7 +32,15 @@ from rig.report.parts import (
 from rig.report.session import UNREADABLE, Trial, with_angles
 from rig.report.strips import Still, stored_images, strip
 from rig.results.limits import LIMIT_HEADINGS, judged, limit_rows
-from rig.results.metrics import FEWEST_LIFTS, INTERVAL, Floats, mare_of, mare_text, summarize
+from rig.results.metrics import (
+    FEWEST_LIFTS,
+    INTERVAL,
+    USEFUL_SIGMA_DEG,
+    Floats,
+    mare_of,
+    mare_text,
+    summarize,
+)
 from rig.results.summary import TrialSummary, summarize_trial
 from rig.sessions.records import SHOWN, Lift, LiftOutcome, LiftTiming, StageTimes, totals
 from rig.tactile.angles import FUSED
@@ -138,6 +146,10 @@ def _tiles(trial: Trial, summary: TrialSummary) -> list[tuple[str, str]]:
         mare_tile(summary.mare_held, "MARE if refused frames keep the last angle"),
         (f"{summary.answered:.1%}", "of the frames answered"),
     ]
+    shares = [share for lift in with_angles(trial.lifts) if (share := charts.useful_share(lift)) is not None]
+    if shares:
+        what = f"useful answers (sigma at most {USEFUL_SIGMA_DEG:g}°)"
+        tiles.append((f"{np.mean(shares):.1%}", what))
     ratios = charts.sigma_ratios(with_angles(trial.lifts))
     if ratios.size:
         tiles.append((f"{np.mean(ratios <= 2.0):.1%}", "of the errors within 2 sigma; 95 % should be"))

@@ -16,6 +16,8 @@ INTERVAL = "95 % interval of the mean over lifts (Student's t, corrected for ske
 """Legend of intervals on pages; see `mean_interval`."""
 HEADING = f"mean ± std [95 % interval: skewness-corrected t, from {FEWEST_LIFTS} lifts on]"
 """Part of the titles of tables."""
+USEFUL_SIGMA_DEG = 5.0
+"""Largest sigma of a useful angle."""
 _EQUAL = 1e-12
 """Values whose range is smaller count as equal; smaller differences have no meaningful skewness."""
 

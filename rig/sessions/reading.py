@@ -72,6 +72,7 @@ class RecordedJoints:
 class RecordedGripper:
     """State of the gripper in a recording.
 
+    opening_m: at least 0; the nominal opening of fingertips that press on a thin object is below it.
     current_a, position_counts, current_counts: None for a gripper without them.
     """
 
@@ -80,6 +81,9 @@ class RecordedGripper:
     current_a: float | None = None
     position_counts: Annotated[int, Field(ge=0)] | None = None
     current_counts: int | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "opening_m", max(self.opening_m, 0.0))
 
 
 @strict

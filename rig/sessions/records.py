@@ -404,7 +404,7 @@ class Lift:
     notes: Annotated[tuple[str, ...], _NotStored()] = field(default=(), compare=False, metadata=_UNSTORED)
     """Damaged parts of the recording, which the angles leave out, or wrapped angles of a table."""
     frame_ms: Annotated[float | None, _NotStored()] = field(default=None, compare=False, metadata=_UNSTORED)
-    """Median wall time per tactile frame with contact, if read from the session's timing."""
+    """Median wall time per tactile frame with contact, if read from the session's timing or replayed."""
 
     @property
     def zero_ns(self) -> int:

@@ -106,6 +106,8 @@ def test_two_estimators_are_compared_on_one_session(
     stored = json.loads((trial / "lifts.jsonl").read_text())["re"]["mean_deg"]
     assert answer["figures"][0]["first"] == pytest.approx(stored)
     assert answer["figures"][0]["second"] != pytest.approx(stored)
+    (spent,) = (each for each in answer["figures"] if each["figure"].startswith("time per tactile frame"))
+    assert min(spent["first"], spent["second"]) > 0.0
     assert "slip and pca compared" in (tmp_path / "compare_slip_pca.html").read_text()
     assert {path.name for path in trial.iterdir()} == inside
 

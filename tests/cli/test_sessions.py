@@ -148,14 +148,15 @@ def test_page_of_sessions_links_to_reports_and_escapes_names(named: Path, tmp_pa
     shutil.copytree(named, both)
     (both / "s0").rename(both / "<i>")
     (both / "s1" / "report.html").write_text("a report")
-    done = rig("sessions", both, "--page", tmp_path / "all.html", "--json")
+    done = rig("sessions", both / ".", "--page", tmp_path / "all.html", "--json")
     assert done.returncode == 0, done.stderr
     assert json.loads(done.stdout)["page"] == str(tmp_path / "all.html")
     text = (tmp_path / "all.html").read_text()
     assert '<a href="both%20%23%202/s1/report.html">' in text
     assert f'<span data-session="{both}/s1">s1</span></a>' in text
     assert "&lt;i&gt;</span></td>" in text
-    assert "<h3>Error on SIMULATED benches</h3>" in text
+    assert text.index("</table>") < text.index("<h3>Error on SIMULATED benches</h3>"), "the list comes first"
+    assert f"<h1>Sessions in {both}</h1>" in text
     assert 'data-filter="choose"' in text
 
 
@@ -203,6 +204,8 @@ def test_sessions_with_a_reaction_are_listed_and_drawn_separately(one_lift: Path
     text = unescape(page.read_text())
     assert "Error on SIMULATED benches</" in text
     assert "Error on SIMULATED benches, reaction to slip 'tighten'</" in text
+    began_s, ended_s = json.loads(text.split('class="plot">')[1].split("</script>")[0])["x"]["limits"]
+    assert ended_s - began_s == pytest.approx(600.0), "5 minutes around a single session"
     assert "┃ reaction ┃" in rig("sessions", tmp_path / "sessions").stdout
     shutil.rmtree(tmp_path / "sessions" / "caught")
     assert "┃ reaction ┃" not in rig("sessions", tmp_path / "sessions").stdout

@@ -20,7 +20,7 @@ import numpy as np
 import pytest
 
 from drivers.images import encode_jpeg
-from rig.live.feed import Sender
+from rig.live.feed import OBJECT, Sender
 from rig.live.state import KEPT_PICTURE_BYTES, PICTURES_PER_S
 from rig.live.watch import WatchPage, watch_address
 from support.browser import FLAWS, NEEDS_CHROMIUM, SEEN, Browser
@@ -96,6 +96,7 @@ STATE = (
 
 
 @NEEDS_CHROMIUM
+@pytest.mark.heavy
 def test_page_shows_the_angle_and_its_buttons_act(tmp_path: Path) -> None:
     browser = Browser(tmp_path / "profile")
     try:
@@ -223,7 +224,7 @@ def two_presses(shown: Shown) -> list[float]:
     shown.send(20, "tracking", 5.0, zero_s=first_s)
     released_s = shown.time_s
     shown.send(30, "no_contact", None, zero_s=first_s)
-    shown.send(5, "tracking", 8.0, zero_s=first_s)
+    shown.send(5, "tracking", 8.0, zero_s=None)
     second_s = shown.time_s + EVERY_S
     shown.send(20, "tracking", 1.0, zero_s=second_s)
     return [first_s, second_s, released_s]
@@ -242,6 +243,55 @@ def test_curve_and_band_are_interrupted_without_contact_and_at_a_reference(shown
     assert "Dotted line: reference" in chart["text"]
 
 
+IN_VIEW = """JSON.stringify({
+  hidden: [...document.querySelectorAll('#sensors .tile:first-child, #sensors canvas, #chart')].filter(e => {
+    const box = e.getBoundingClientRect();
+    return e.getClientRects().length && (box.top < 0 || box.bottom > innerHeight || box.right > innerWidth);
+  }).map(e => e.parentElement.outerHTML.slice(0, 90)),
+  covered: [...document.querySelectorAll('#chart, #events')].filter(e => {
+    const one = e.getBoundingClientRect(), bar = document.getElementById('moment').getBoundingClientRect();
+    return Math.min(one.bottom, bar.bottom) - Math.max(one.top, bar.top) > 0;
+  }).map(e => e.id),
+  rows: [...document.querySelectorAll('#events button')].map(e => Math.round(e.getBoundingClientRect().top)),
+  names: [...document.querySelectorAll('#chart path')].map(e => e.getAttribute('class')).filter(Boolean)})"""
+
+
+@NEEDS_CHROMIUM
+@pytest.mark.heavy
+@pytest.mark.parametrize("names", [["D1"], ["D1", "D2"]], ids=["one", "two"])
+@pytest.mark.parametrize("size", [(1366, 768), (1920, 1080), (390, 844)])
+def test_angle_picture_and_chart_are_in_view_at_once(
+    shown: Shown, names: list[str], size: tuple[int, int]
+) -> None:
+    tall = encode_jpeg(np.full((320, 240, 3), 99, np.uint8), 90)
+    for state, angle_deg in (("no_contact", None), ("tracking", -0.01)):
+        for name in names:
+            shown.send(1, state, angle_deg, picture=tall, sensor=name)
+        if len(names) > 1:
+            shown.send(4, state, angle_deg, sensor=OBJECT)
+    browser = shown.browser
+    browser.open(shown.page.address, size[0], height=size[1])
+    shown.chart()
+    until(lambda: browser.value("document.querySelector('canvas').height") == 320, LIMIT_S)
+    seen = json.loads(browser.value(IN_VIEW))
+    assert (seen["hidden"], seen["covered"]) == ([], [])
+    assert seen["rows"] == sorted(set(seen["rows"])), "one line per event"
+    assert [name for name in seen["names"] if name in ("first", "second", "estimate")][-1] == "estimate"
+    assert "+0.0\u00b0" in browser.value("document.body.innerText")
+
+
+@NEEDS_CHROMIUM
+def test_range_of_the_chart_contains_a_useful_band_and_a_wide_one_flattens_no_curve(shown: Shown) -> None:
+    shown.send(5, "tracking", 90.0, sigma_deg=70.0)
+    shown.send(20, "tracking", 60.0, sigma_deg=4.0, zero_s=1.0)
+    shown.chart()
+    limits = "[...document.querySelectorAll('#chart text')].map(e => e.textContent)"
+    assert "+90.0\u00b0" in shown.browser.value(limits)
+    shown.send(20, "tracking", 88.0, sigma_deg=4.0, zero_s=1.0)
+    shown.chart()
+    assert "+92.0\u00b0" in shown.browser.value(limits)
+
+
 @NEEDS_CHROMIUM
 def test_dropped_frames_are_marked_and_counted(shown: Shown) -> None:
     shown.send(10, "tracking", 5.0, dropped=2)
@@ -254,14 +304,13 @@ def test_dropped_frames_are_marked_and_counted(shown: Shown) -> None:
 
 
 @NEEDS_CHROMIUM
-def test_status_follows_the_state_notices_last_until_another_state_and_a_doubt_as_it_does(
-    shown: Shown,
-) -> None:
+@pytest.mark.heavy
+def test_status_follows_the_state_and_a_notice_lasts_some_seconds(shown: Shown) -> None:
     def sent(state: str, angle_deg: float | None, zero_s: float | None = 100.5) -> str:
         shown.send(1, state, angle_deg, zero_s=zero_s)
         return shown.status()
 
-    taken = "D1: background taken; press an object on the gel"
+    taken = "D1: background taken"
     shown.notice(taken)
     until(lambda: sent("no_contact", None) == taken, LIMIT_S)
     wait = "Contact: hold the object still until the reference is taken."
@@ -274,6 +323,9 @@ def test_status_follows_the_state_notices_last_until_another_state_and_a_doubt_a
         until(lambda of=(state, angle_deg), text=text: sent(*of) == text, LIMIT_S)
     shown.notice("recording to clips/x")
     until(lambda: sent("tracking", 0.1) == "recording to clips/x", LIMIT_S)
+    until(lambda: sent("tracking", 0.1).startswith("The angle counts"), LIMIT_S)
+    shown.browser.open(shown.page.address, 1280)
+    until(lambda: shown.status().startswith("The angle counts"), LIMIT_S)
     shown.send(3, "tracking", 0.1, doubt=DOUBT)
     until(lambda: f"D1: {DOUBT}" in shown.browser.value("document.body.innerText"), LIMIT_S)
     shown.send(3, "no_contact", None)
@@ -381,6 +433,7 @@ def test_moment_whose_image_is_not_kept_any_more_shows_none(shown: Shown) -> Non
 
 
 @NEEDS_CHROMIUM
+@pytest.mark.heavy
 def test_stored_clip_is_shown_as_a_whole(tmp_path: Path, browser: Browser) -> None:
     clip = tmp_path / "clip"
     write_desk_clip(clip, 6.8)

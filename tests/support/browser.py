@@ -108,13 +108,13 @@ class Browser:
                 assert "error" not in answer, answer
                 return answer["result"]
 
-    def open(self, address: str, width: int, scheme: str = "light") -> None:
-        """Open a page and wait until it is loaded."""
+    def open(self, address: str, width: int, scheme: str = "light", height: int = 900) -> None:
+        """Open a page in a window of this size, px, and wait until it is loaded."""
         self.events.clear()
         self.call(
             "Emulation.setDeviceMetricsOverride",
             width=width,
-            height=900,
+            height=height,
             deviceScaleFactor=1,
             mobile=width < 600,
         )

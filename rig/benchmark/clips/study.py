@@ -57,8 +57,9 @@ from rig.declared import argument, option
 from rig.frames.estimates import FRAME_MS, Estimate, contact_ms, estimate_series, frame_ms, zeroed
 from rig.pages.figure import band, column_files, drawing, legend_above, limits, svg
 from rig.pages.page import render
-from rig.pages.palette import ESTIMATE, FIRST, SERIES, TRUTH
+from rig.pages.palette import ESTIMATE, SERIES, TRUTH
 from rig.report.strips import Still, still
+from rig.results.metrics import USEFUL_SIGMA_DEG
 from rig.results.scores import WRONG_DEG, WRONG_SIGMAS, is_confidently_wrong
 from rig.results.shares import Share, share_of
 from rig.tactile.estimators import EstimatorChoice, choose_estimator
@@ -71,14 +72,13 @@ SIGMAS = 2.0
 CLOSE_DEG, LABEL_SIGMAS = 3.0, 2.0
 """An error counts as small up to 3 degrees, or up to 2 label sigmas, which the label's error may explain."""
 SMALL_TURN_DEG = 30.0  # largest angle of a label that counts as a small rotation
-USEFUL_SIGMA_DEG = 5.0  # largest sigma of a useful angle
 TURNED_DEG, MISSED_SHARE = 10.0, 0.5
 """A rest is false if a label is at least 10 degrees and more than half of its angle was missed."""
 TIMES_ALONE = "times the estimator alone: median, 99 %"
 CHART_PX = (440, 260)
 STILL_WIDTH_PX = 160
 _ROOM, _LEAST_ROOM_DEG = 0.06, 1.0
-_STYLES = ("-", "--", ":", "-.")  # line styles: estimators that share a colour differ in style
+_STYLES, _MARKERS = ("-", "--", ":", "-."), "osD^"  # estimators that share a colour differ in these
 _BEFORE, _AFTER = 10, 5  # frames shown before the reference and after the last label
 
 
@@ -598,8 +598,10 @@ def page(
         caption += f"0 degrees is {first.estimate.zero_note}"
         clip = {"name": first.clip.name, "group": first.clip.group, "figure": chart, "caption": caption}
         clips.append({**clip, "stills": _stills(first)})
+    simulated = [run.clip.series.simulated for run in estimators[0].runs]
     shown = {
         "folder": title,
+        "simulated": "" if not any(simulated) else "SIMULATED" if all(simulated) else "SIMULATED in part",
         "of": machine(),
         "verdict": verdict,
         "tables": tables,
@@ -615,19 +617,13 @@ def time_and_error(estimators: Sequence[EstimatorRuns]) -> tuple[str, str]:
     Estimators without an angle at any label are left out. Return the figure for a page, and as a file of its
     own.
     """
-    scores = [(of.groups[ALL], of.name) for of in estimators]
-    answered = [(of, name) for of, name in scores if of.answered is not None and of.answered.count]
-    shown = sorted((of.frame_ms, of.mean_deg, name) for of, name in answered if of.frame_ms is not None)
     with drawing(CHART_PX[1], CHART_PX[0]) as figure:
         axes = figure.add_subplot()
-        for number, (ms, error_deg, name) in enumerate(shown):
-            colour = (ESTIMATE if name == estimators[0].name else FIRST).light
-            axes.plot([ms[0], ms[-1]], [error_deg, error_deg], color=colour)
-            axes.plot(ms[0], error_deg, "o", color=colour, markersize=5)
-            # names of neighbours above and below, but not on the axis
-            below = number % 2 and error_deg > 0.2 * max(worst for _, worst, _ in shown)
-            offset = (0, -14 if below else 6)
-            axes.annotate(name, (ms[0], error_deg), offset, textcoords="offset points")
+        for number, each in enumerate(estimators):
+            of, (colour, place) = each.groups[ALL], _look(number)
+            if of.answered is not None and of.answered.count and (ms := of.frame_ms) is not None:
+                axes.plot([ms[0], ms[-1]], [of.mean_deg, of.mean_deg], color=colour)
+                axes.plot(ms[0], of.mean_deg, _MARKERS[place], color=colour, markersize=5, label=each.name)
         axes.set_xscale("log")
         axes.set(xlabel="time per frame with contact, ms: median to 99 %", ylabel="mean error, degrees")
         axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
@@ -635,8 +631,16 @@ def time_and_error(estimators: Sequence[EstimatorRuns]) -> tuple[str, str]:
         axes.minorticks_off()
         axes.margins(0.08, 0.15)
         axes.set_ylim(bottom=0.0)
+        legend_above(axes, 4)
         text = "mean error of each estimator over its time per frame"
         return svg(figure, text), column_files(figure)["svg"].decode()
+
+
+def _look(number: int) -> tuple[str, int]:
+    """Return the colour of an estimator, the same in all figures, and the place of its style."""
+    colours = (ESTIMATE, *SERIES)
+    again, place = divmod(number, len(colours))
+    return colours[place].light, again % len(_STYLES)
 
 
 def draw_clip(figure: Figure, names: Sequence[str], runs: Sequence[ClipRun]) -> Axes:
@@ -661,11 +665,9 @@ def draw_clip(figure: Figure, names: Sequence[str], runs: Sequence[ClipRun]) -> 
     if first.answers.has_sigma:
         spread = SIGMAS * np.nan_to_num(first.estimate.angles.sigma_deg[shown])
         band(axes, shown, curves[0], spread, ESTIMATE.light)
-    colours = (ESTIMATE, *SERIES)
     for number, (name, curve) in enumerate(zip(names, curves, strict=True)):
-        again, place = divmod(number, len(colours))
-        colour, style = colours[place].light, _STYLES[again % len(_STYLES)]
-        axes.plot(shown, curve, style, color=colour, linewidth=0.9 if number else 1.8, label=name)
+        colour, place = _look(number)
+        axes.plot(shown, curve, _STYLES[place], color=colour, linewidth=0.9 if number else 1.8, label=name)
     axes.errorbar(frames, angles, errors, fmt="o", color=TRUTH.light, markersize=4, label="measured by hand")
     axes.set(xlabel="frame", ylabel="angle, degrees")
     axes.xaxis.set_major_locator(MaxNLocator(8, integer=True))

@@ -2,10 +2,12 @@
 
 import csv
 import json
+import re
 import shutil
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -15,9 +17,19 @@ from typer.testing import CliRunner
 
 from drivers.errors import InputError
 from rig.benchmark.clips.labelled import ClipLabel, ClipVersion, ContactSpan, clip_version, read_clips
-from rig.benchmark.clips.study import Answers, ClipsOptions, JudgedLabel, measure, run_clip, score
+from rig.benchmark.clips.study import (
+    ALL,
+    Answers,
+    ClipsOptions,
+    JudgedLabel,
+    measure,
+    run_clip,
+    score,
+    time_and_error,
+)
 from rig.benchmark.harness import Run, markers
 from rig.cli.main import app
+from rig.pages.palette import ESTIMATE, SERIES
 from rig.tactile.estimators import choose_estimator
 from rig.version import VERSION
 from support.ros_bags import TOPIC, write_bag
@@ -254,6 +266,13 @@ def test_command_writes_page_json_and_table_and_exits_with_4(clips: Path, tmp_pa
     assert "limit missed: mean error up to 30 degrees" in missed.stderr
 
 
+def test_each_estimator_has_one_colour_in_all_figures() -> None:
+    found = SimpleNamespace(answered=SimpleNamespace(count=1), frame_ms=(1.0, 2.0, 3.0), mean_deg=1.0)
+    every = [SimpleNamespace(name=name, groups={ALL: found}) for name in "abcde"]
+    _, file = time_and_error(every)  # type: ignore[arg-type]
+    assert {colour.light for colour in (ESTIMATE, *SERIES)} <= set(re.findall(r"#[0-9a-f]{6}", file))
+
+
 @pytest.mark.heavy
 def test_only_given_limits_apply_to_user_clips(clips: Path, tmp_path: Path) -> None:
     own = ["benchmark", "clips", str(clips / "frames_clip"), "--estimator", "skeleton"]
@@ -263,6 +282,7 @@ def test_only_given_limits_apply_to_user_clips(clips: Path, tmp_path: Path) -> N
     for text in (done.output, (page / "index.html").read_text(), (page / "table.md").read_text()):
         assert "Limits" not in text
         assert "limits were kept" not in text
+    assert '<span class="simulated">' not in (page / "index.html").read_text()
     judged = CliRunner().invoke(app, [*own, "--limits", "--within", "1.01"])
     assert judged.exit_code == 4
     assert "required at least 1.01" in judged.stderr

@@ -110,6 +110,11 @@ def test_sound_trial_has_no_warning(sound: Trial) -> None:
             lambda t: estimates_with_sigma(t, 20.0, 0.1),
             "beyond 2 sigma in wrench, lift 1 (", "inspect the curves",
         ),
+        (lambda t: estimates_with_sigma(t, 0.1), "Sigma is too large", "times as narrow"),
+        (
+            lambda t: estimates_with_sigma(t, 0.001, 1.0),
+            "a sigma of at most 5 degrees in wrench, lift 1 (0%)", "where there are edges",
+        ),
         (markers_hidden, "markers were lost", "hide no marker"),
         (slow, "1 frame in 100 takes 40", "which stage"),
         (lambda t: rows_with(t, disagreements={"one pad slips": 200}), "disagree during much", "centre the"),

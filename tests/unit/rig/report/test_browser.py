@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from calibration.verdict import limits
 from drivers.types import Pose
+from rig.benchmark.harness import Cell, machine, table_of
 from rig.calibrate import charts
 from rig.calibrate.result import CalibrationResult, Figure, file_result
 from rig.pages.page import render
@@ -64,7 +65,19 @@ def pages(
         "sessions": listing,
         "broken": write_report([broken]).path,
         "calibration": calibration(folder),
+        "clips": clips_page(folder / "clips.html"),
     }
+
+
+def clips_page(path: Path) -> Path:
+    """The page of `rig benchmark clips`, with its widest table."""
+    shares, times = ["100% [61, 100]"] * 5, ["0 of 4", "11.9, 14.7, 110.8", "0.14"]
+    cells = ["a_gelsight_mini", "all", "42", *shares, *["5.20"] * 4, *times]
+    row = [Cell(str(n), cell, f"median up to {n} deg") for n, cell in enumerate(cells)]
+    shown = {"tables": [table_of("Errors", [row] * 5, left=2)], "clips": [], "simulated": "SIMULATED"}
+    values = {"folder": "clips", "of": machine(), "verdict": "", "time_and_error": "", **shown}
+    path.write_text(render("rig.benchmark.clips", "clips.html", **values))
+    return path
 
 
 def calibration(folder: Path) -> Path:
@@ -103,6 +116,7 @@ TILTS = [Rotation.from_euler("xy", (180, 4 * i), degrees=True) for i in range(12
 POSES = [Pose.from_rotation((0.4 + 0.02 * i, 0.05 * i - 0.3, 0.2), tilt) for i, tilt in enumerate(TILTS)]
 FIGURES = {
     "trial": 12, "recording": 3, "table": 5, "comparison": 3, "sessions": 1, "broken": 0, "calibration": 6,
+    "clips": 0,
 }  # fmt: skip
 """Figures that are seen; poses in 3D are not counted."""
 
@@ -119,6 +133,8 @@ def test_page_opens_without_messages_and_with_readable_labels(
     assert seen["pictures"]
     assert {name: seen[name] for name in FLAWS if seen[name]} == {}
     assert seen["wide"] <= width
+    cut = "[...document.querySelectorAll('.scroll')].filter(e => e.scrollWidth > e.clientWidth).length"
+    assert width < 1400 or browser.value(cut) == 0, "a table is cut"
     bright = sum(int(part) for part in seen["paper"].removeprefix("rgb(").removesuffix(")").split(","))
     assert (bright > 600) == (scheme == "light")
 

@@ -12,18 +12,19 @@ import numpy as np
 import pytest
 
 from drivers.errors import InputError
-from rig.pages.page import asset
+from rig.pages.page import asset, environment
 from rig.report import explored
-from rig.report.charts import angle_range, before_lift, shown_range
+from rig.report.charts import angle_range, before_lift, shown_range, useful_share
 from rig.report.parts import linked
 from rig.report.recording_page import LABEL_PX, THUMB_PX, montage, read_recording
 from rig.report.session import Trial, read_trial
+from rig.report.strips import FRAMES, moments
 from rig.report.trial_page import fingertip_table, object_table, trial_page
 from rig.report.write import write_report
 from rig.results.summary import summarize_trial
 from rig.sessions.manifest import RecordManifest, TrialManifest, read_manifest_of
 from rig.sessions.rows import read_finished_lifts
-from rig.tactile.angles import FUSED, Angles
+from rig.tactile.angles import FUSED, MARKERS, Angles
 
 UPLOT_SHA256 = "19c8d4c6ad88929a79f4ae49d6f7161566dfd0ba3d15cc495e974f787eb78f1f"
 """Of dist/uPlot.iife.min.js in uplot-1.6.32.tgz of the npm registry."""
@@ -101,6 +102,47 @@ def test_lifts_are_shown_from_the_beginning_of_phase_a(trial: Path) -> None:
     assert shown_s.min() > -2.95
     assert set(angles_deg) == {0.5}
     assert angle_range(early)[1] > 0.5
+
+
+def test_strip_shows_the_largest_error_and_the_whole_lift_if_the_slip_was_caught_at_once(trial: Path) -> None:
+    lift = read(trial).lifts[0]
+    error = np.zeros(lift.truth.time_s.size)
+    worst = int(np.abs(lift.truth.time_s - 0.6).argmin())
+    error[worst] = 3.0
+    estimate = replace(lift.truth, angle_deg=lift.truth.angle_deg + error)
+    slipped = replace(lift, angles={**lift.angles, FUSED: estimate})
+    assert lift.truth.time_s[worst] in moments(slipped)
+    still = replace(lift.truth, angle_deg=np.zeros(error.size))
+    caught = replace(
+        slipped, angles={FUSED: replace(still, angle_deg=error), MARKERS: still}, onset_truth_s=0.01
+    )
+    times_s = moments(caught)
+    assert len(times_s) == FRAMES
+    assert max(np.diff(times_s)) < 0.5 * (times_s[-1] - times_s[0]), "today's six pictures were at 0.01 s"
+
+
+def test_page_states_the_share_of_useful_answers_and_explains_an_interval_from_zero(
+    trial: Path,
+) -> None:
+    lifts = read(trial).lifts
+    vague = replace(lifts[0].estimate, sigma_deg=np.full(len(lifts[0].estimate), 9.0))
+    assert useful_share(lifts[1]) == 1.0
+    assert useful_share(replace(lifts[0], angles={**lifts[0].angles, FUSED: vague})) == 0.0
+    unknown = replace(vague, sigma_deg=np.full(len(vague), np.nan))
+    assert useful_share(replace(lifts[0], angles={**lifts[0].angles, FUSED: unknown})) is None
+    parts = environment("rig.report").get_template("parts.html").module
+    rows = [["mug", f"0.21 \u00b1 0.1 [{low}, 0.93]"] for low in ("0.00", "0.10")]
+    texts = [parts.about_interval("the interval", [row]) for row in rows]
+    assert ["begins at 0.00" in text for text in texts] == [True, False]
+
+
+def test_numbers_on_pages_have_a_minus_sign_and_zero_has_none() -> None:
+    for text, shown in (
+        ("-4.6\u00b0", "\u22124.6\u00b0"), ("-0.0 to -0.04", "0.0 to \u22120.04"), ("[-0.00", "[0.00"),
+        ("2026-11-21", "2026-11-21"), ("0-5", "0-5"), ("D-1", "D-1"), ("-", "-"), ("x -1.5", "x \u22121.5"),
+        ("rig play s --from -1", "rig play s --from -1"), ("+-1", "+-1"),
+    ):  # fmt: skip
+        assert environment("rig.report").from_string("{{ text }}").render(text=text) == shown
 
 
 @pytest.mark.heavy

@@ -106,6 +106,7 @@ def test_gripper_messages_of_every_gripper_are_read_and_need_a_position() -> Non
         kept = recorded_gripper(b'{"opening_m":0.05,"moving":false,' + keys + b"}", path)
         assert kept.opening_m == 0.05
         assert (kept.current_a, kept.position_counts, kept.current_counts) == expected
+    assert recorded_gripper(b'{"opening_m":-0.0014,"moving":false}', path).opening_m == 0.0
     for read, message in ((recorded_reaction, b'{"step":"closed"}'), (recorded_gripper, b'{"moving":false}')):
         with pytest.raises(SessionError, match=r"001\.mcap: the recording is damaged"):
             read(message, path)

@@ -23,8 +23,8 @@ STILL_S, STILL = 0.08, 1.1
 """A seeming contact that its marks cover may be a mark if it keeps its area, within this factor, for this
 time."""
 OUTGROWN, GROWN_FRAMES = 1.5, 2
-"""It is a mark if a region that is larger by this factor, in so many frames in a row, has come beside it. A
-single larger frame may be torn."""
+"""It is a mark if a region that is larger by this factor, in this number of frames in a row, has come beside
+it. A single larger frame may be torn."""
 SEARCH_NS, AVERAGED = NS_PER_S // 4, 8
 """Period of the search for marks; number of searched frames that are averaged."""
 NEWS_SHARE = 0.1
@@ -35,8 +35,8 @@ Field = NDArray[np.float32]
 class Verdict(NamedTuple):
     """What a frame shows.
 
-    is_contact: whether it shows a contact. is_news: whether the marks have changed. begins_anew: whether what
-    has seemed a contact until now was a mark.
+    is_contact: whether it shows a contact. is_news: whether the marks have changed. begins_anew: whether the
+    seeming contact of the frames before was a mark.
     """
 
     is_contact: bool

@@ -240,7 +240,7 @@ def test_points_of_final_angles_name_their_lifts_with_values(page: Page) -> None
     finals = next(plot for plot in map(json.loads, plots) if plot["x"]["label"].startswith("final marker"))
     assert [anchor for *_, anchor in finals["spots"]] == ["lift-1", "lift-2"]
     x, y, text, _ = finals["spots"][1]
-    assert text == f"wrench, lift 2: estimate {y:+.1f}°, markers {x:+.1f}°"
+    assert text.replace("\N{MINUS SIGN}", "-") == f"wrench, lift 2: estimate {y:+.1f}°, markers {x:+.1f}°"
     dots = next(shape for shape in finals["shapes"] if shape.get("dot"))
     assert dots["at"] == [[x, y] for x, y, *_ in finals["spots"]]
     assert page.links.count("#lift-2") == 2  # from its row, and from its frames among the worst lifts

@@ -230,7 +230,7 @@ ACTIONS: Mapping[str, Callable[[Desk, str], str | None]] = {
     SAVE: lambda desk, _: desk.clips.save_last(),
     MARK: Desk.mark,
 }
-"""What a desk does for each action of the page: it returns the notice, None for an invalid argument."""
+"""The functions of a desk by action of the page. Each returns the notice, None for an invalid argument."""
 
 
 class FusedObject:

@@ -156,7 +156,8 @@ def moments(lift: Lift, count: int = FRAMES) -> list[float]:
         settled = float(late[late > onset].min(initial=end))
     if settled < onset + SHORTEST_S:  # a caught slip
         settled = end
-    largest = [time_s for time_s in (largest_error_s(lift),) if time_s is not None]
+    largest_s = largest_error_s(lift)
+    largest = [] if largest_s is None else [largest_s]
     steps = np.linspace(onset, settled, count - 1 - len(largest))[1:].tolist()
     return sorted([start, *steps, *largest, max(end - 0.05, start)])
 

@@ -19,9 +19,9 @@ WEAK_SHARE = 0.5
 MOST_COVERED = 0.6
 """Largest fraction of a seeming contact that its marks cover: 0.2 to 0.5 for a hair, scratches and dust, 0.65
 and more for small sharp contacts (drawn)."""
-STILL_S, STILL = 0.08, 1.1
-"""A seeming contact that its marks cover may be a mark if it keeps its area, within this factor, for this
-time."""
+STILL_S, STILL_FRAMES, STILL = 0.08, 2, 1.1
+"""A seeming contact that its marks cover may be a mark if it keeps its area, within the last factor, for this
+time and in this number of further frames."""
 OUTGROWN, GROWN_FRAMES = 1.5, 2
 """It is a mark if a region that is larger by this factor, in this number of frames in a row, has come beside
 it. A single larger frame may be torn."""
@@ -33,38 +33,43 @@ Field = NDArray[np.float32]
 
 
 class Verdict(NamedTuple):
-    """What a frame shows.
+    """The judgement of a frame.
 
-    is_contact: whether it shows a contact. is_news: whether the marks have changed. begins_anew: whether the
-    seeming contact of the frames before was a mark.
+    is_contact: whether it shows a contact. is_news: whether the marks have changed. was_mark: whether the
+    contact that the frames before seemed to show was a mark, so that its angle is void.
     """
 
     is_contact: bool
     is_news: bool = False
-    begins_anew: bool = False
+    was_mark: bool = False
 
 
 @dataclass(slots=True)
 class _Suspicion:
     """A seeming contact of the first frames that its marks cover: a mark, or a contact that was there before.
 
-    marked: (h, w) mask. area_px: of the region. since_ns: when it was seen first. grown: number of frames in
-    a row in which the region was larger.
+    marked: (h, w) mask. area_px: of the region. since_ns: when it was seen first. still: number of further
+    frames in which it has kept its area. grown: number of frames in a row in which the region was larger.
     """
 
     marked: Image
     area_px: int
     since_ns: int
+    still: int = 0
     grown: int = 0
 
-    def is_confirmed(self, region: Region | None, time_ns: int) -> bool | None:
-        """Whether it is a mark, because a contact has come beside it; None if it is a contact, or gone."""
-        growth = 0.0 if region is None else region.area_px / self.area_px
-        self.grown = self.grown + 1 if growth >= OUTGROWN else 0
-        is_young = time_ns - self.since_ns < to_ns(STILL_S)
-        if growth < 1.0 / STILL or (is_young and growth > STILL):
-            return None
+    @property
+    def is_confirmed(self) -> bool:
+        """Whether it is a mark, because a contact has come beside it."""
         return self.grown >= GROWN_FRAMES
+
+    def is_refuted(self, region: Region | None, time_ns: int) -> bool:
+        """Process the next frame; return whether it was a contact, which grows or ends, not a mark."""
+        growth = 0.0 if region is None else region.area_px / self.area_px
+        self.still += 1.0 / STILL <= growth <= STILL
+        self.grown = self.grown + 1 if growth >= OUTGROWN else 0
+        was_long = time_ns - self.since_ns >= to_ns(STILL_S) and self.still >= STILL_FRAMES
+        return growth < 1.0 / STILL or (growth > STILL and not was_long)
 
 
 class _QuietMean:
@@ -122,16 +127,14 @@ class LaterMarks:
         return verdict
 
     def _judged(self, unfilled: Callable[[], Field], region: Region | None, time_ns: int) -> Verdict:
-        if self._suspicion is not None:
-            confirmed = self._suspicion.is_confirmed(region, time_ns)
-            if confirmed:
-                self.marked = self._suspicion.marked
-            if confirmed is not False:
-                self._suspicion = None
-            if confirmed:
-                return Verdict(False, is_news=True, begins_anew=True)
+        if self._suspicion is not None and self._suspicion.is_refuted(region, time_ns):
+            self._suspicion = None
+        if self._suspicion is not None and self._suspicion.is_confirmed:
+            self.marked, self._suspicion = self._suspicion.marked, None
+            return Verdict(False, is_news=True, was_mark=True)
+        is_weak = self._is_weak(region)
         was_unclear = self._is_unclear = self._is_unclear and region is not None
-        if not was_unclear and not self._is_due(region, time_ns):
+        if not was_unclear and not (is_weak and self._is_due(time_ns)):
             return Verdict(region is not None)
         difference = unfilled()
         if region is not None:
@@ -140,16 +143,17 @@ class LaterMarks:
                 return Verdict(True)
         return Verdict(False, is_news=self._is_news(difference))
 
-    def _is_due(self, region: Region | None, time_ns: int) -> bool:
-        """Whether a frame without contact, or with one that has become weak, should be searched."""
+    def _is_weak(self, region: Region | None) -> bool:
+        """Whether there is no contact, or one that is much weaker than it was."""
         volume = 0.0 if region is None else region.area_px * region.strength
-        self._most = max(self._most, volume) if region is not None else 0.0
-        if region is not None and volume >= WEAK_SHARE * self._most:
-            return False
-        if self._searched_ns is not None and time_ns - self._searched_ns < SEARCH_NS:
-            return False
-        self._searched_ns = time_ns
-        return True
+        self._most = 0.0 if region is None else max(self._most, volume)
+        return region is None or volume < WEAK_SHARE * self._most
+
+    def _is_due(self, time_ns: int) -> bool:
+        """Whether a frame should be searched; the next one is due after `SEARCH_NS`."""
+        is_due = self._searched_ns is None or time_ns - self._searched_ns >= SEARCH_NS
+        self._searched_ns = time_ns if is_due else self._searched_ns
+        return is_due
 
     def _is_explained(self, difference: Field, region: Region, first_ns: int | None) -> bool:
         """Whether a difference (h, w, 3) shows no contact if its marks are filled.

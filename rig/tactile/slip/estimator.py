@@ -102,7 +102,7 @@ class SlipEstimator(FreshFrameEstimator):
         if verdict.is_news:
             self._lit.fill(self._marks.marked)  # that of the fine copy in the next frame, to share the time
             self._texture.leave_out(self._marks.later)
-        if verdict.begins_anew:
+        if verdict.was_mark:
             self._tracker.release()
             self._report.begin()
         if not verdict.is_contact:

@@ -148,7 +148,7 @@ def test_time_of_the_object_does_not_go_back_when_frames_arrive_out_of_order() -
         sample = SlipSample(time_ns, State.NO_CONTACT)
         reading = fused.update(Reading(name, time_ns, "no_contact", sample))
         assert reading is not None
-        assert reading.time_ns == 2_000, "else the history of the page would begin anew"
+        assert reading.time_ns == 2_000, "a time that goes back clears the history of the page"
 
 
 @pytest.mark.heavy

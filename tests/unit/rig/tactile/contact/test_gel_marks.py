@@ -180,6 +180,19 @@ def test_frames_beside_a_contact_are_not_searched() -> None:
     assert not is_news(drawn_press(20.0))
 
 
+@pytest.mark.parametrize("rate_hz", [3.0, 60.0])
+def test_small_contact_that_grows_is_no_mark(rate_hz: float) -> None:
+    """Its marks cover it at first, as they do with a scratch; but a scratch keeps its area."""
+    background = drawn_press(None)
+    marks = LaterMarks(found_marks(background, FINE))
+    sizes = ((24.0, 7.5), (30.0, 9.0), (36.0, 11.0), (46.0, 14.0), (56.0, 17.5), (56.0, 17.5))
+    verdicts = [
+        judge(marks, drawn_press(20.0, size, strength=0.7), background, round(n * NS_PER_S / rate_hz))
+        for n, size in enumerate(sizes)
+    ]
+    assert verdicts == [Verdict(True)] * len(sizes)
+
+
 def test_contact_is_not_explained_by_marks() -> None:
     background = drawn_press(None)
 

@@ -13,6 +13,19 @@ from rig.tactile.slip.alignment import GRID_PX, GRID_RAD, Aligner, Fit, Pose, Re
 from rig.tactile.slip.gradient import LearntGradientMap, learn_map
 from rig.tactile.slip.height import contact_box
 from rig.tactile.slip.keyframe import Keyframe, make_keyframe
+from rig.tactile.slip.loops import (
+    COUNTED,
+    CURVED,
+    FACTS,
+    FIRST,
+    MIDDLE_X,
+    MIDDLE_Y,
+    MOST_POINTS,
+    ROWS,
+    X,
+    Y,
+    self_loss,
+)  # fmt: skip
 from rig.tactile.slip.parameters import ALIGNMENT
 from rig.tactile.slip.search import FURTHER_SHARES
 from rig.tactile.slip.slopes import slope_planes
@@ -149,3 +162,23 @@ def test_alignment_to_noise_is_finite_and_scores_below_the_limit(seed: int) -> N
     assert np.isfinite([*fit.pose, fit.score, fit.loss, fit.rank]).all()
     assert fit.score < ALIGNMENT.least_score
     assert fit.best < ALIGNMENT.plain_fit
+
+
+def edge_loss(radius_px: float) -> float:
+    """Return `self_loss` of the curvature of an edge of 32 px with a radius, for a rotation by 10 degrees."""
+    rows, columns = np.mgrid[:80, :80]
+    x, y = columns - 40.0, rows - 40.0 + radius_px  # from the centre of the arc, whose middle is at (40, 40)
+    away, along = np.hypot(x, y) - radius_px, radius_px * np.arctan2(x, y)
+    curvature = np.exp(-((away / 2.0) ** 2)) * (np.abs(along) < 16.0)
+    planes = np.stack([np.zeros_like(curvature)] * 3 + [curvature]).astype(np.float32)
+    at = np.nonzero(curvature > 0.05)
+    count = len(at[0])
+    points, facts = np.zeros((ROWS, MOST_POINTS), np.float32), np.zeros(FACTS)
+    points[X, :count], points[Y, :count], points[FIRST, :count] = at[1] - 40.0, at[0] - 40.0, curvature[at]
+    facts[MIDDLE_X], facts[MIDDLE_Y], facts[COUNTED + CURVED] = 40.0, 40.0, count
+    return float(self_loss(points, facts, planes, np.array([1.0, 0.0, 0.0]), math.radians(10.0)))
+
+
+def test_arc_shows_a_rotation_less_than_a_straight_edge() -> None:
+    """An arc that turns about its own centre looks the same; so a shift hides a rotation about its middle."""
+    assert edge_loss(20.0) < 0.5 * edge_loss(2000.0)

@@ -63,7 +63,7 @@ def _error_chart(known: Sequence[tuple[datetime, str, Mare]], title: str) -> Cha
         for when, _, mare in known:
             if mare.ends_deg is not None:
                 axes.plot([date2num(when)] * 2, mare.ends_deg, color=ESTIMATE.light, linewidth=1)
-        dates, means = [date2num(when) for when, *_ in known], [mare.mean_deg for *_, mare in known]
+        dates, means = [float(date2num(when)) for when, *_ in known], [mare.mean_deg for *_, mare in known]
         axes.plot(dates, means, "o", markersize=4, color=ESTIMATE.light)
         locator = AutoDateLocator(minticks=3, maxticks=6)
         axes.xaxis.set_major_locator(locator)

@@ -63,15 +63,24 @@ def _stored_side(folder: Path, name: str | None, manifest: TrialManifest) -> Sid
     return Side(name or folder.name, lifts, manifest.simulated, estimator, notes)
 
 
-def estimator_side(folder: Path, estimator: str, jobs: int, progress: Progress) -> Side:
-    """Return a session's lifts, estimated again with an estimator, so that both sides are timed alike.
+def estimator_sides(
+    folder: Path, first: str, second: str, jobs: int, progress: Progress
+) -> tuple[Side, Side]:
+    """Return a session's lifts, estimated again with two estimators, so that both are timed alike.
 
     Raises `InputError` for an unknown estimator, `SessionError` for a damaged session.
     """
     manifest = read_manifest_of(folder, TrialManifest, ONLY_TRIALS)
-    trial, stored = trial_of(folder, manifest, estimator), _stored_side(folder, estimator, manifest)
-    wanted = trial.settings.estimator
-    found, problems = replay_lifts(folder, trial.settings, jobs, progress)
+    settings = [trial_of(folder, manifest, name).settings for name in (first, second)]
+    left, right = (_estimator_side(folder, manifest, of, jobs, progress) for of in settings)
+    return replace(left, name=first), replace(right, name=second)
+
+
+def _estimator_side(
+    folder: Path, manifest: TrialManifest, settings: TrialSettings, jobs: int, progress: Progress
+) -> Side:
+    stored, wanted = _stored_side(folder, None, manifest), settings.estimator
+    found, problems = replay_lifts(folder, settings, jobs, progress)
     if not found:
         raise SessionError(problems[0])
     truths = {(lift.number, lift.attempt): lift.truth for lift in stored.lifts if lift.angles}
@@ -82,7 +91,7 @@ def estimator_side(folder: Path, estimator: str, jobs: int, progress: Progress) 
         lifts.append(replace(row, angles=angles))
     amiss = (f"{row.object}/{row.lift}: {row.estimator_faults}" for row in lifts if row.estimator_faults)
     notes = (*stored.notes, *problems, *amiss)
-    return Side(estimator, lifts, stored.simulated, f"{wanted.name}, window {wanted.window}", notes)
+    return Side(wanted.name, lifts, stored.simulated, f"{wanted.name}, window {wanted.window}", notes)
 
 
 def replay_lifts(

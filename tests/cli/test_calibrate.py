@@ -14,6 +14,7 @@ import pytest
 from calibration.store import read_yaml
 from drivers.types import Pose
 from rig.calibrate.samples import pose_row
+from rig.pages.numbers import with_minus
 from support.command_line import rig
 from support.motions import general_scene, pivot_scene, wiggle_scene
 from support.simulated_gel import SimulatedGel
@@ -194,7 +195,7 @@ def test_tip_poses_need_a_stated_frame_and_a_far_tip_must_be_accepted(tmp_path: 
     assert value["tip_from_tcp_m"] == pytest.approx(tip.tolist(), abs=1e-3)
     page = Path(found["page"]).read_text()
     for text in (*found["numbers"].values(), "tcp_m of the bench file"):
-        assert text in page
+        assert with_minus(text) in page
 
 
 @pytest.mark.heavy

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from drivers.errors import InputError
+from rig.pages.numbers import with_minus
 from rig.pages.page import asset, environment
 from rig.report import explored
 from rig.report.charts import angle_range, before_lift, shown_range, useful_share
@@ -240,7 +241,7 @@ def test_points_of_final_angles_name_their_lifts_with_values(page: Page) -> None
     finals = next(plot for plot in map(json.loads, plots) if plot["x"]["label"].startswith("final marker"))
     assert [anchor for *_, anchor in finals["spots"]] == ["lift-1", "lift-2"]
     x, y, text, _ = finals["spots"][1]
-    assert text == f"wrench, lift 2: estimate {y:+.1f}°, markers {x:+.1f}°"
+    assert text == with_minus(f"wrench, lift 2: estimate {y:+.1f}°, markers {x:+.1f}°")
     dots = next(shape for shape in finals["shapes"] if shape.get("dot"))
     assert dots["at"] == [[x, y] for x, y, *_ in finals["spots"]]
     assert page.links.count("#lift-2") == 2  # from its row, and from its frames among the worst lifts

@@ -38,10 +38,9 @@ def compare(options: CompareOptions) -> None:
       rig compare slip pca --on sessions/monday --out slip_pca.html --json
     """
     from rig.report.compare import compare_lifts, compare_page, figure_table, object_table, verdict
-    from rig.report.sides import estimator_side, session_side
+    from rig.report.sides import estimator_sides, session_side
     from rig.report.write import write_page
     from rig.results.metrics import FEWEST_LIFTS, INTERVAL
-    from rig.results.notes import lift_note
     from rig.terminal.tables import console_table, table_console
 
     if options.out is None:
@@ -55,8 +54,7 @@ def compare(options: CompareOptions) -> None:
     else:
         jobs = trial_jobs(options.jobs, True, False)
         with WorkProgress(1, "lifts") as bar:
-            show = bar.showing(lift_note)
-            sides = estimator_side(on, first, jobs, show), estimator_side(on, second, jobs, show)
+            sides = estimator_sides(on, first, second, jobs, bar.show)
         about = f"Two estimators on the lifts of session {on.name}."
     notes = [note for side in sides for note in side.notes]
     for note in notes:

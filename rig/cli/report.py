@@ -6,7 +6,7 @@ from pathlib import Path
 
 from rig.cli.common import print_result, say
 from rig.cli.options import JsonOption
-from rig.declared import argument, file_place, folder_place, option
+from rig.declared import argument, file_place, option
 from rig.terminal.onlookers import report_written
 from rig.terminal.screen import begin_phase, end_phase
 
@@ -50,11 +50,11 @@ class ReportOptions:
     picture: Path | None = option(
         None, "Also write a .png of the top of the page, rendered by Chromium.", callback=file_place
     )
-    figures: Path | None = option(
+    figures: str | None = option(
         None,
-        "Also write each figure as .pdf, .svg and .png, 88.9 mm wide, and the table as .tex and .csv, to "
-        "this folder.",
-        callback=folder_place,
+        "Also write these figures for a paper, into the folder 'figures' beside the page: .pdf, .svg, .png, "
+        "88.9 mm wide, the table as .tex and .csv, and captions.txt. all, or names separated by commas: RE, "
+        "finals, sigma, time, angle, rate, grip, onset, surface, table, lift:1, lift:2 ...",
     )
     json: JsonOption = False
 
@@ -77,7 +77,7 @@ def report(options: ReportOptions) -> None:
       rig report old_lifts/ --out old_lifts.html
       rig report wrench.csv knife.csv --json
       rig report sessions/old_trial --picture trial.png
-      rig report sessions/old_trial --figures paper/figures
+      rig report sessions/old_trial --figures RE,lift:3 --out paper/trial.html
     """
     from rig.report.write import picture_of, require_picture, write_report
 
@@ -89,5 +89,9 @@ def report(options: ReportOptions) -> None:
         picture_of(written.path, options.picture)
     for problem in written.problems:
         say(f"note: {problem}")
-    problems = list(written.problems)
-    print_result(options.json, {"report": str(written.path), "problems": problems}, written.path)
+    if written.figures is not None:
+        say(f"figures: {written.figures}")
+    answer = {"report": str(written.path), "problems": list(written.problems)}
+    if written.figures is not None:
+        answer["figures"] = str(written.figures)
+    print_result(options.json, answer, written.path)

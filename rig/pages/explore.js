@@ -325,7 +325,7 @@
     part(".about").textContent = figure.querySelector("figcaption").textContent;
     lifts.forEach(each => each.classList.toggle("current", each === figure));
     const film = lift.film;
-    part(".film").hidden = !film;
+    all(".film", place).forEach(each => { each.hidden = !film; });
     if (film) {
       screen.style.aspectRatio = film.size.join("/");
       screen.style.backgroundImage = `url(${film.sheet})`;

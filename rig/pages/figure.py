@@ -130,10 +130,10 @@ def limits(*values: Floats, room: float, least: float) -> tuple[float, float]:
     return low - margin, high + margin
 
 
-def band(axes: Axes, x: Floats, middle: Floats, half: Floats, colour: str) -> None:
+def band(axes: Axes, x: Floats, middle: Floats, half: Floats, colour: str, label: str = "") -> None:
     """Fill `middle` +- `half`, clipped at the limits of the axes, which must be set before the call."""
     low, high = (np.clip(edge, *axes.get_ylim()) for edge in (middle - half, middle + half))
-    axes.fill_between(x, low, high, color=colour, alpha=0.22, linewidth=0)
+    axes.fill_between(x, low, high, color=colour, alpha=0.22, linewidth=0, label=label)
 
 
 def svg(figure: Figure, alt: str) -> Markup:
@@ -208,6 +208,33 @@ def legend_above(axes: Axes, columns: int = 3) -> None:
     )  # fmt: skip
 
 
+def legend_outside(figure: Figure) -> None:
+    """Add room above a figure with a legend of its labelled artists, unless its axes have a legend."""
+    entries = {
+        label: handle
+        for axes in figure.axes
+        for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)
+    }
+    if not entries or any(axes.get_legend() for axes in figure.axes):
+        return
+    width, height = (float(size) for size in figure.get_size_inches())
+    room = _LEGEND_ROW_IN * -(-len(entries) // _LEGEND_COLUMNS)
+    boxes = [axes.get_position() for axes in figure.axes]
+    figure.set_size_inches(width, height + room)
+    arranged = figure.get_layout_engine() is not None
+    if not arranged:
+        share = height / (height + room)
+        for axes, box in zip(figure.axes, boxes, strict=True):
+            axes.set_position((box.x0, box.y0 * share, box.width, box.height * share))
+    place = "outside upper center" if arranged else "upper center"
+    with _styled():
+        figure.legend(
+            list(entries.values()), list(entries), loc=place, ncols=_LEGEND_COLUMNS, borderaxespad=0.1,
+            handlelength=1.4, columnspacing=1.1, handletextpad=0.5, labelspacing=0.3,
+        )  # fmt: skip
+
+
+_LEGEND_COLUMNS, _LEGEND_ROW_IN = 3, 0.25
 _SUPERFLUOUS = (
     (re.compile(r"<metadata>.*?</metadata>|<style.*?</style>", re.DOTALL), ""),
     (re.compile(r'\bid="(?:figure|axes|patch|line2d|text|matplotlib\.axis|xtick|ytick|legend)_\d+"'), ""),

@@ -25,7 +25,7 @@ MUTED = Colour("muted", "#5b6570", "#a3adb8")
 LINE = Colour("line", "#d8dde3", "#3a424c")
 PAPER = Colour("paper", "#ffffff", "#14181d")
 CARD = Colour("card", "#f5f7f9", "#1c2229")
-PHASE = Colour("phase", "#e8edf2", "#262e38")
+PHASE = Colour("phase", "#f5eed6", "#3a3420")
 
 ESTIMATE = Colour("estimate", "#0072b2", "#4ea8de")
 TRUTH = Colour("truth", "#d55e00", "#f28e3c")

@@ -1,7 +1,7 @@
 """Charts: over many lifts, of one lift over time, and the growing curve of a film."""
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from textwrap import fill
@@ -73,7 +73,7 @@ def boxes(
                 list(filled.values()), positions=list(filled), orientation="horizontal",
                 whis=(0, 100), widths=0.6, patch_artist=True, manage_ticks=False,
                 boxprops={"facecolor": ESTIMATE.light, "alpha": 0.35, "edgecolor": ESTIMATE.light},
-                medianprops={"color": INK.light, "linewidth": 2},
+                medianprops={"color": INK.light, "linewidth": 2}, label="quartiles and range",
                 whiskerprops={"color": MUTED.light}, capprops={"color": MUTED.light},
             )  # fmt: skip
         for i, (name, values) in enumerate(groups.items()):
@@ -92,7 +92,7 @@ def boxes(
         axes.set_ylim(len(groups) - 0.4, -0.6)
         axes.set_xlim(left=least)
         if mark is not None:
-            axes.axvline(mark, color=TRUTH.light, dashes=(4, 2), zorder=1)
+            axes.axvline(mark, color=TRUTH.light, dashes=(4, 2), zorder=1, label=f"{mark:g}\u00b0, the paper")
         axes.grid(False, axis="y")
         axes.set_xlabel(label)
         return Chart(title, figure, caption, spots=spots)
@@ -151,16 +151,18 @@ def _percentiles(axes: Axes, errors: Floats, values: Floats, edges: tuple[float,
     spots, above = [], axes.get_xaxis_transform()
     for i, (begin, end, group) in enumerate(groups):
         low, first, middle, third, high = np.percentile(group, [5, 25, 50, 75, 95])
-        axes.plot([i, i], [low, high], color=ESTIMATE.light)
+        ninety, half, median = ("", "", "") if i else ("middle 90 %", "middle half", "median")
+        axes.plot([i, i], [low, high], color=ESTIMATE.light, label=ninety)
         axes.plot(
-            [i, i], [first, third], color=ESTIMATE.light, linewidth=9, alpha=0.45, solid_capstyle="butt"
-        )
+            [i, i], [first, third], color=ESTIMATE.light, linewidth=9, alpha=0.45, solid_capstyle="butt",
+            label=half,
+        )  # fmt: skip
         text = (
             f"{begin:g} to {end:g}: median {middle:.2f}, middle half {first:.2f} to {third:.2f}, "
             f"middle 90 % {low:.2f} to {high:.2f}; {counted(group.size, 'frame')}"
         )
         spots += [Spot(i, float(y), text) for y in (low, first, middle, third, high)]
-        axes.plot([i], [middle], "o", color=INK.light, markersize=5)
+        axes.plot([i], [middle], "o", color=INK.light, markersize=5, label=median)
         number = {"fontsize": 9.5, "color": MUTED.light, "transform": above}
         axes.text(i, 1.0, f"{group.size}", ha="center", va="bottom", **number)
     return spots
@@ -375,15 +377,18 @@ def draw_lift(figure: Figure, lift: Lift, ranges: Ranges | None = None, until_s:
     range_s = ranges[0][0], min(until_s, ranges[0][1])
     shown = _shown(estimate, range_s)
     if np.isfinite(spread[shown]).any():
-        band(axes, estimate.time_s[shown], estimate.angle_deg[shown], spread[shown], ESTIMATE.light)
-    _plot(axes, [(lift.truth, TRUTH, _DASHED), (estimate, ESTIMATE, _SOLID)], range_s)
+        spreads = estimate.time_s[shown], estimate.angle_deg[shown], spread[shown]
+        band(axes, *spreads, ESTIMATE.light, f"\u00b1{SIGMAS:g} sigma")
+    curves = [(lift.truth, TRUTH, _DASHED), (estimate, ESTIMATE, _SOLID)]
+    _plot(axes, curves, range_s, ("markers", "estimate"))
     for times, angles in before_lift(lift):
         known = (times <= until_s) & (angles >= low) & (angles <= high)
         axes.plot(times[known], angles[known], color=ESTIMATE.light, linewidth=0.8, alpha=0.7)
     onsets = (lift.onset_truth_s, TRUTH, (4, 2)), (lift.onset_estimate_s, ESTIMATE, (1, 1))
     for onset, colour, dashes in onsets:
         if onset is not None and onset <= until_s:
-            axes.axvline(onset, color=colour.light, linewidth=1.2, linestyle=(0, dashes), zorder=1)
+            axes.axvline(onset, color=colour.light, linewidth=1.2, linestyle=(0, dashes), zorder=1,
+                         label="slip begins" if colour is TRUTH else "")  # fmt: skip
     bottom = axes
     if tips:
         height = figure.get_size_inches()[1] * PX_PER_INCH
@@ -408,7 +413,7 @@ def _lift_axes(figure: Figure, lift: Lift, shown: Range, ranges: Ranges, below_p
         if name == "lower" or ends <= start:
             continue
         if name == "B":
-            axes.axvspan(begins, ends, color=PHASE.light, linewidth=0, zorder=0)
+            axes.axvspan(begins, ends, color=PHASE.light, linewidth=0, zorder=0, label="phase B")
         axes.text(
             (max(begins, start) + min(ends, end)) / 2, 1.0, name, transform=axes.get_xaxis_transform(),
             ha="center", va="bottom", fontsize=10.5, color=MUTED.light,
@@ -416,11 +421,13 @@ def _lift_axes(figure: Figure, lift: Lift, shown: Range, ranges: Ranges, below_p
     return axes
 
 
-def _plot(axes: Axes, curves: Iterable[tuple[Angles, Colour, Range]], range_s: Range) -> None:
-    """Draw curves in a range of time, each with its colour and dashes."""
-    for curve, colour, dashes in curves:
+def _plot(
+    axes: Axes, curves: Sequence[tuple[Angles, Colour, Range]], range_s: Range, labels: Sequence[str] = ()
+) -> None:
+    """Draw curves in a range of time, each with its colour and dashes, and its label in a legend."""
+    for (curve, colour, dashes), label in zip(curves, labels or [""] * len(curves), strict=True):
         shown = _shown(curve, range_s)
-        axes.plot(curve.time_s[shown], curve.angle_deg[shown], color=colour.light, dashes=dashes)
+        axes.plot(curve.time_s[shown], curve.angle_deg[shown], color=colour.light, dashes=dashes, label=label)
 
 
 def _shown(curve: Angles, range_s: Range) -> np.ndarray:
@@ -437,6 +444,7 @@ def _draw_states(axes: Axes, tips: list[Angles], until_s: float) -> None:
                 axes.broken_barh(
                     [(begins, min(ends, until_s) - begins)], (len(tips) - row - 0.9, 0.8),
                     facecolors=STATES[state].light if state in STATES else MUTED.light, linewidth=0,
+                    label=state.replace("_", " "),
                 )  # fmt: skip
     axes.set_ylim(0, len(tips))
     axes.set_yticks([])

@@ -62,7 +62,9 @@ def _table(of: Sequence[EstimatedSeries]) -> Table:
             "frames of": lambda one: one.name,
             "frames": lambda one: str(one.figures.frames),
             "answered": lambda one: f"{one.figures.answered / one.figures.frames:.0%}",
-            "refused": lambda one: ", ".join(f"{n} {s}" for s, n in one.figures.refused.items()) or "none",
+            "refused": lambda one: (
+                ", ".join(f"{n} {s.replace('_', ' ')}" for s, n in one.figures.refused.items()) or "none"
+            ),
             "zero at, s": lambda one: time(one.figures.reference_time_s),
             "last angle": lambda one: angle_text(last(one, "angle_deg")),
             "sigma": lambda one: f"{s:.1f}°" if np.isfinite(s := last(one, "sigma_deg")) else "unknown",

@@ -12,6 +12,7 @@ from rig.experiments.lift_plan import TrialSettings, trial_of
 from rig.experiments.process_pool import run_tasks
 from rig.experiments.replay import replay_lift
 from rig.report.session import UNREADABLE, read_usable
+from rig.results.notes import lift_note
 from rig.sessions.files import RESULTS
 from rig.sessions.manifest import TrialManifest, is_session, read_manifest_of
 from rig.sessions.reading import read_angles
@@ -21,6 +22,7 @@ from rig.tactile.angles import FUSED, MARKERS
 from rig.tactile.estimators import ESTIMATORS
 
 Progress = Callable[[int, int, Lift], None]
+ShowNote = Callable[[int, int, str], None]
 ONLY_TRIALS = "only trials have lifts to compare"
 
 
@@ -63,15 +65,31 @@ def _stored_side(folder: Path, name: str | None, manifest: TrialManifest) -> Sid
     return Side(name or folder.name, lifts, manifest.simulated, estimator, notes)
 
 
-def estimator_side(folder: Path, estimator: str, jobs: int, progress: Progress) -> Side:
-    """Return a session's lifts, estimated again with an estimator, so that both sides are timed alike.
+def estimator_sides(folder: Path, first: str, second: str, jobs: int, show: ShowNote) -> tuple[Side, Side]:
+    """Return a session's lifts, estimated again with two estimators, so that both are timed alike.
 
-    Raises `InputError` for an unknown estimator, `SessionError` for a damaged session.
+    show: shows a line per lift with the name of its estimator, counted over both. Raises
+    `InputError` for an unknown estimator, `SessionError` for a damaged session.
     """
     manifest = read_manifest_of(folder, TrialManifest, ONLY_TRIALS)
-    trial, stored = trial_of(folder, manifest, estimator), _stored_side(folder, estimator, manifest)
-    wanted = trial.settings.estimator
-    found, problems = replay_lifts(folder, trial.settings, jobs, progress)
+    settings = [trial_of(folder, manifest, name).settings for name in (first, second)]
+    left, right = (
+        _estimator_side(folder, manifest, of, jobs, partial(_show_over_both, show, name, before))
+        for name, of, before in zip((first, second), settings, (0, 1), strict=True)
+    )
+    return replace(left, name=first), replace(right, name=second)
+
+
+def _show_over_both(show: ShowNote, name: str, before: int, done: int, total: int, lift: Lift) -> None:
+    """Show a lift of one of two estimators. before: 1 if the other one has done all its lifts, else 0."""
+    show(before * total + done, 2 * total, f"{name}: {lift_note(lift)}")
+
+
+def _estimator_side(
+    folder: Path, manifest: TrialManifest, settings: TrialSettings, jobs: int, progress: Progress
+) -> Side:
+    stored, wanted = _stored_side(folder, None, manifest), settings.estimator
+    found, problems = replay_lifts(folder, settings, jobs, progress)
     if not found:
         raise SessionError(problems[0])
     truths = {(lift.number, lift.attempt): lift.truth for lift in stored.lifts if lift.angles}
@@ -82,7 +100,7 @@ def estimator_side(folder: Path, estimator: str, jobs: int, progress: Progress) 
         lifts.append(replace(row, angles=angles))
     amiss = (f"{row.object}/{row.lift}: {row.estimator_faults}" for row in lifts if row.estimator_faults)
     notes = (*stored.notes, *problems, *amiss)
-    return Side(estimator, lifts, stored.simulated, f"{wanted.name}, window {wanted.window}", notes)
+    return Side(wanted.name, lifts, stored.simulated, f"{wanted.name}, window {wanted.window}", notes)
 
 
 def replay_lifts(

@@ -4,21 +4,25 @@ import csv
 import io
 import os
 import re
+import shlex
 import shutil
 import subprocess
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from drivers.errors import InputError, RecordingError, no_such
+from drivers.errors import InputError, RecordingError, no_such, unknown_name
+from drivers.progress import begin_work, steps
 from drivers.realtime import compute_in_one_thread
-from rig.pages.figure import column_files
+from rig.pages.figure import column_files, legend_outside
 from rig.pages.page import render
-from rig.report.parts import Notice, ReportPage, Table, made_text
+from rig.report.parts import Chart, Notice, ReportPage, Table, made_text
 from rig.report.session import UNREADABLE, Trial, read_trial
+from rig.results.metrics import INTERVAL
 from rig.sessions.files import write_file
 from rig.sessions.manifest import RecordManifest, TrialManifest, is_session, read_manifest_of
+from rig.version import version_text
 
 REPORT = "report.html"
 WITH_REPORT = (TrialManifest, RecordManifest)
@@ -26,24 +30,29 @@ WITH_REPORT = (TrialManifest, RecordManifest)
 
 @dataclass(frozen=True, slots=True)
 class Written:
-    """The file of a report, and messages about unreadable parts of its source."""
+    """The file of a report, and messages about unreadable parts of its source.
+
+    figures: folder of the figures for a paper, None without them.
+    """
 
     path: Path
     problems: tuple[str, ...] = ()
+    figures: Path | None = None
 
 
 def write_report(
     sources: Sequence[Path],
     out: Path | None = None,
     beside: Path | None = None,
-    figures: Path | None = None,
+    figures: str | None = None,
     jobs: int = 1,
 ) -> Written:
     """Write the report of one session, or of CSV files (or folders of them) with two angle curves.
 
     out: the page's file; default `report.html` in the session or folder, in the current folder
     for single files. beside: another session of the same lifts, where one reacts to slip and one does not.
-    figures: folder for the figures and the table of a trial, or of CSV files, as files for a paper.
+    figures: names of figures that are also written as files for a paper, into the folder `figures` beside the
+    page, see `named_figures`.
     jobs: processes that read and draw a trial's lifts.
     Raises `InputError` for sources that are neither, `RecordingError` if the page cannot be written.
     """
@@ -66,14 +75,14 @@ def write_report(
                 read_trial(of, read_manifest_of(of, TrialManifest, why), jobs) for of in (session, beside)
             ]
             page, problems = _trial_page(jobs, *both)
-        return _written(out or session / REPORT, page, problems, figures)
+        return _written(out or session / REPORT, page, problems, figures, sources)
     if beside is not None:
         raise InputError(f"--beside {beside}: only a trial can be shown beside another")
     from rig.report.curves_page import curves_page, read_tables
 
     lifts, notes = read_tables(sources)
     default = sources[0] / REPORT if len(sources) == 1 and sources[0].is_dir() else Path(REPORT)
-    return _written(out or default, curves_page(lifts, notes), notes, figures)
+    return _written(out or default, curves_page(lifts, notes), notes, figures, sources)
 
 
 def _session_page(folder: Path, jobs: int) -> tuple[ReportPage, tuple[str, ...]]:
@@ -121,16 +130,31 @@ def write_page(path: Path, html: str) -> None:
     write_file(path, html.encode("utf-8", "replace"))  # a folder's name need not be UTF-8
 
 
-def _written(path: Path, page: ReportPage, problems: Sequence[str], figures: Path | None) -> Written:
-    if figures is not None and not page.charts:
+def _written(
+    path: Path, page: ReportPage, problems: Sequence[str], figures: str | None, sources: Sequence[Path]
+) -> Written:
+    if figures is None:
+        write_page(path, page.html)
+        return Written(path, tuple(problems))
+    if not page.charts:
         raise InputError(f"--figures {figures}: only readable trials and CSV files have figures")
+    chosen, folder = named_figures(page, figures), path.parent / "figures"
     write_page(path, page.html)
-    if figures is not None:
-        write_paper(figures, page)
-    return Written(path, tuple(problems))
+    typed = ["rig", "report", *map(str, sources), "--figures", figures]
+    write_paper(folder, page, chosen, shlex.join(typed))
+    return Written(path, tuple(problems), folder)
 
 
-TABLE = "rotational_error"
+TABLE, CAPTIONS = "rotational_error", "captions.txt"
+ABOUT_ERRORS = (
+    "\u00b1: mean over the lifts of each lift's standard deviation, not a standard error. "
+    f"[low, high]: {INTERVAL}."
+)
+PAPER_BIBTEX = (
+    "@article{castanoamoros2023, title={Measuring Object Rotation via Visuo-Tactile Segmentation of Grasping "
+    "Region}, author={Casta{\\~n}o-Amor{\\'o}s, Julio and Gil, Pablo}, journal={IEEE Robotics and Automation "
+    "Letters}, year={2023}, url={https://ieeexplore.ieee.org/document/10149493}}"
+)
 SIMULATED = "simulated_"
 """Prefix of file names if the lifts are simulated, so that they are not published as measured."""
 _LATEX = {
@@ -139,34 +163,87 @@ _LATEX = {
 }  # fmt: skip
 
 
-def write_paper(folder: Path, page: ReportPage) -> None:
-    """Write each figure and the table of a page, with the page's text.
+NAMES = {
+    "Rotational error per object": "RE",
+    "Final angles": "finals",
+    "Does sigma cover the error?": "sigma",
+    "Error over time": "time",
+    "Error against angle": "angle",
+    "Error against rate": "rate",
+    "Grip and outcome": "grip",
+    "Onset latency": "onset",
+    "Error by grasped surface": "surface",
+    "Error per lift": "lifts",
+}
+"""Name of each figure of a page for `--figures`, by its title. The figures of lifts are lift:1, lift:2 ..."""
+EVERY, TABLE_NAME = "all", "table"
 
+
+def named_figures(page: ReportPage, names: str) -> dict[str, Chart | Table]:
+    """Return figures and the table of a page by the stem of their files.
+
+    names: separated by commas, such as "RE,lift:3,table"; "all" for all. Raises `InputError`.
+    """
+    mark = SIMULATED if page.simulated else ""
+    known: dict[str, tuple[str, Chart | Table]] = {}
+    for chart in page.charts:
+        stem = mark + re.sub(r"[^\w]+", "_", chart.title.replace("|", "")).strip("_")
+        known[chart.anchor.replace("-", ":") or NAMES[chart.title]] = stem, chart
+    if page.table is not None:
+        known[TABLE_NAME] = f"{mark}{TABLE}", page.table
+    wanted = list(known) if names == EVERY else [name.strip() for name in names.split(",")]
+    for name in wanted:
+        if name not in known:
+            listed = ", ".join([EVERY, *(each for each in known if ":" not in each), "lift:NUMBER"])
+            raise unknown_name("figure", name, known, listed=listed)
+    return dict(known[name] for name in wanted)
+
+
+def write_paper(folder: Path, page: ReportPage, chosen: Mapping[str, Chart | Table], command: str) -> None:
+    """Write figures and a table of a page, and `captions.txt` with their captions and their origin.
+
+    chosen: from `named_figures`. command: that writes them.
     Raises `InputError` if the folder cannot be made, `RecordingError` if a file cannot be written.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise InputError(f"{folder}: cannot be made ({error.strerror}); choose another --figures") from error
-    mark, table = SIMULATED if page.simulated else "", page.table
-    for chart in page.charts:
-        for ending, data in column_files(chart.figure).items() if chart.figure else ():
-            name = re.sub(r"[^\w]+", "_", chart.title.replace("|", "")).strip("_")
-            write_file(folder / f"{mark}{name}.{ending}", data)
-    if table is not None:
-        write_file(folder / f"{mark}{TABLE}.tex", latex(table, page.simulated).encode())
-        text = io.StringIO()
-        csv.writer(text, lineterminator="\n").writerows([table.columns, *table.rows])
-        write_file(folder / f"{mark}{TABLE}.csv", text.getvalue().encode())
+        raise InputError(f"{folder}: cannot be made ({error.strerror}); choose another --out") from error
+    captions = []
+    begin_work("writing the figures")
+    for stem, of in steps(chosen.items()):
+        if isinstance(of, Table):
+            rows = [[getattr(cell, "striptags", cell.strip)() for cell in row] for row in of.rows]
+            plain, text = replace(of, rows=rows), io.StringIO()
+            files = {"tex": latex(plain, page.simulated).encode()}
+            csv.writer(text, lineterminator="\n").writerows([of.columns, *rows])
+            files["csv"], caption = text.getvalue().encode(), f"Table of the errors. {ABOUT_ERRORS}"
+        elif of.figure is None:
+            continue
+        else:
+            legend_outside(of.figure)
+            files, caption = column_files(of.figure), of.caption
+        for ending, data in files.items():
+            write_file(folder / f"{stem}.{ending}", data)
+        captions.append(f"{stem}: {caption}\n")
+    made = f"Made by the slip rig {version_text()}: {command}\n"
+    made += "SIMULATED: objects, sensors and light are computed.\n" * page.simulated
+    write_file(folder / CAPTIONS, "\n".join([*captions, made, bibtex()]).encode())
+
+
+def bibtex() -> str:
+    """Return entries for this software and for the paper whose method it measures, a line each."""
+    rig = "@misc{sliprig, title={The slip rig}, author={{The slip rig developers}}, note={"
+    return f"{rig}{version_text()}}}}}\n{PAPER_BIBTEX}\n"
 
 
 def latex(table: Table, simulated: bool) -> str:
-    """Return a table as a LaTeX tabular, which needs no package."""
+    """Return a table as a LaTeX tabular, which needs no package; comments define its numbers."""
     columns = "".join("l" if number in table.text else "r" for number in range(len(table.columns)))
     lines = [_latex_row(table.columns), r"\hline", *map(_latex_row, table.rows)]
     if table.total:
         lines.insert(-1, r"\hline")
-    about = ["% SIMULATED: objects, sensors and light are computed."] if simulated else []
+    about = ["% SIMULATED: objects, sensors and light are computed."] * simulated + [f"% {ABOUT_ERRORS}"]
     begin, end = rf"\begin{{tabular}}{{{columns}}}", r"\end{tabular}"
     return "\n".join([*about, begin, r"\hline", *lines, r"\hline", end]) + "\n"
 

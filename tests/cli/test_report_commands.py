@@ -101,6 +101,8 @@ def test_two_estimators_are_compared_on_one_session(
     done = rig("compare", "slip", "pca", "--on", str(trial), "--jobs", "1", "--json")
     assert done.returncode == 0, done.stderr
     answer = json.loads(done.stdout)
+    assert "1/2 slip: t2 toothbrush" in done.stderr
+    assert "2/2 pca: t2 toothbrush" in done.stderr
     assert answer["names"] == ["slip", "pca"]
     assert answer["lifts"] == 1
     stored = json.loads((trial / "lifts.jsonl").read_text())["re"]["mean_deg"]

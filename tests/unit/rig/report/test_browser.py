@@ -152,6 +152,17 @@ def wait(browser: Browser, ms: int = 200) -> None:
     browser.value(f"new Promise(done => setTimeout(done, {ms}))")
 
 
+@pytest.mark.heavy
+def test_page_without_films_has_no_slider_and_no_word_of_frames(
+    browser: Browser, pages: dict[str, Path]
+) -> None:
+    text = "document.getElementById('explorer').innerText"
+    for kind, filmed in (("trial", True), ("comparison", False), ("table", False)):
+        browser.open(pages[kind].as_uri(), 1400)
+        assert ("frames of that time" in " ".join(browser.value(text).split())) == filmed
+        assert (box_of(browser, "document.querySelector('#explorer input')")["width"] > 0) == filmed
+
+
 def test_hover_links_plots_slider_and_film(browser: Browser, pages: dict[str, Path]) -> None:
     browser.open(f"{pages['trial'].as_uri()}#lift-2", 1400)
     assert lift_shown(browser) == "wrench, lift 2"

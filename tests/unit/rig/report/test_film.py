@@ -69,6 +69,7 @@ def test_animated_image_has_the_requested_length_and_width(trial: Path, tmp_path
 
 
 @NEEDS_CHROMIUM
+@pytest.mark.heavy
 def test_a_film_plays_in_a_browser(trial: Path, tmp_path: Path) -> None:
     made = film(trial, tmp_path / "lift.webm")
     (tmp_path / "film.html").write_text("<video src='lift.webm' muted></video>")

@@ -7,15 +7,22 @@ from pathlib import Path
 from typing import Any
 
 import cv2
+import numpy as np
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import to_rgb
 
 from drivers.errors import InputError
+from rig.pages.figure import legend_outside
+from rig.pages.palette import ESTIMATE, PAPER, PHASE
+from rig.report.charts import lift_chart
 from rig.report.parts import Table
 from rig.report.session import read_trial
 from rig.report.trial_page import object_table
 from rig.report.write import latex, write_report
 from rig.results.summary import summarize_trial
 from rig.sessions.manifest import TrialManifest, read_manifest_of
+from rig.version import version_text
 
 COLUMN_PT = 88.9 / 25.4 * 72
 
@@ -27,8 +34,9 @@ def written(drawn_trial: Any, tmp_path_factory: pytest.TempPathFactory) -> tuple
     session = drawn_trial(folder / "session", (12.0,))
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("rig.report.explored.lift_film", lambda *_: None)
-        write_report([session], figures=folder / "made" / "figures")
-    return session, folder / "made" / "figures"
+        done = write_report([session], folder / "report.html", figures="all")
+    assert done.figures == folder / "figures"
+    return session, done.figures
 
 
 @pytest.mark.heavy
@@ -54,12 +62,63 @@ def test_tables_hold_the_numbers_of_the_page(written: tuple[Path, Path]) -> None
     table = object_table(summarize_trial(trial.rows))
     rows = list(csv.reader(io.StringIO((folder / "simulated_rotational_error.csv").read_text())))
     assert rows == [list(table.columns), *(list(row) for row in table.rows)]
-    page = (session / "report.html").read_text()
+    page = (folder.parent / "report.html").read_text()
     source = (folder / "simulated_rotational_error.tex").read_text()
     assert source.startswith("% SIMULATED")
+    assert "% \u00b1: mean over the lifts of each lift's standard deviation, not a standard error" in source
     for row in table.rows:
         assert all(f">{cell}<" in page for cell in row)
         assert " & ".join(row).replace("±", r"$\pm$").replace("%", r"\%") + r" \\" in source
+
+
+@pytest.mark.heavy
+def test_captions_name_every_file_with_commit_command_and_bibtex(written: tuple[Path, Path]) -> None:
+    session, folder = written
+    text = (folder / "captions.txt").read_text()
+    stems = {path.stem for path in folder.iterdir()} - {"captions"}
+    assert [stem for stem in stems if f"{stem}: " not in text] == []
+    assert f"{version_text()}: rig report {session} --figures all" in text
+    assert "@misc{sliprig" in text
+    assert "@article{castanoamoros2023" in text
+
+
+@pytest.mark.heavy
+def test_lift_for_a_paper_has_a_legend_above_its_curves(written: tuple[Path, Path]) -> None:
+    trial = read_trial(written[0], read_manifest_of(written[0], TrialManifest, "no trial"))
+    figure = lift_chart(trial.lifts[0], "").figure
+    assert figure is not None
+    height_in = figure.get_size_inches()[1]
+    legend_outside(figure)
+    (legend,) = figure.legends
+    texts = {text.get_text() for text in legend.get_texts()}
+    assert {"estimate", "markers", "\u00b12 sigma", "phase B", "slip begins", "tracking"} <= texts
+    FigureCanvasAgg(figure).draw()
+    above = legend.get_window_extent().y0
+    assert above >= figure.axes[0].get_window_extent().y1 - 1.0
+    assert figure.get_size_inches()[1] > height_in
+
+
+@pytest.mark.heavy
+@pytest.mark.usefixtures("quick_pages")
+def test_named_figures_alone_are_written_and_an_unknown_name_is_rejected(
+    written: tuple[Path, Path], tmp_path: Path
+) -> None:
+    done = write_report([written[0]], tmp_path / "page.html", figures="RE, lift:1")
+    assert done.figures is not None
+    assert {path.stem for path in done.figures.iterdir()} == {
+        "simulated_Rotational_error_per_object", "simulated_wrench_lift_1", "captions",
+    }  # fmt: skip
+    with pytest.raises(InputError, match=r"unknown figure 'lift:9'.*choose one of all, RE, .*lift:NUMBER"):
+        write_report([written[0]], tmp_path / "other.html", figures="lift:9")
+    assert not (tmp_path / "other.html").exists()
+
+
+def test_band_and_phase_have_clearly_different_colours() -> None:
+    def lab(colour: np.ndarray) -> np.ndarray:
+        return cv2.cvtColor(np.float32(colour)[None, None], cv2.COLOR_RGB2LAB)[0, 0]
+
+    band, paper, phase = (np.array(to_rgb(of.light)) for of in (ESTIMATE, PAPER, PHASE))
+    assert np.linalg.norm(lab(0.22 * band + 0.78 * paper) - lab(phase)) > 20.0
 
 
 def test_special_characters_are_escaped_in_latex() -> None:
@@ -72,5 +131,5 @@ def test_special_characters_are_escaped_in_latex() -> None:
 def test_sources_without_figures_for_a_paper_are_rejected(drawn_recording: Any, tmp_path: Path) -> None:
     session = drawn_recording(tmp_path / "session")
     with pytest.raises(InputError, match="only readable trials and CSV files"):
-        write_report([session], figures=tmp_path / "figures")
-    assert not (tmp_path / "figures").exists()
+        write_report([session], figures="all")
+    assert not (session / "figures").exists()

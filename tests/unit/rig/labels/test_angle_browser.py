@@ -96,7 +96,7 @@ def test_everything_can_be_done_by_keys(browser: Browser, server: AngleServer) -
     assert state_of(server)["ends"][0] == {"2": [[130.0, 160.0], [130.0, 110.0]]}
     assert "frame 8" in browser.value("at('where').textContent"), "a finished line leads to the next frame"
     browser.key("d", "d")
-    assert "difference/8.png" in browser.value("picture.dataset.shown")
+    assert "difference/8.png" in browser.value("picture.getAttribute('src')")
     browser.key("n", "n")
     browser.key("o", "o")
     assert "Pass 2 of 2, frame 13" in browser.value("at('where').textContent")

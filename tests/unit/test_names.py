@@ -1,4 +1,4 @@
-"""A function that does something is named by a verb, one that asks by `is_`, `has_` or the noun of its answer."""
+"""A function that acts is named by a verb, one that asks by `is_`, `has_` or the noun of its answer."""
 
 import ast
 import subprocess
@@ -8,9 +8,9 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGES = ("rig", "drivers", "fakes", "calibration", "protocols")
 IRREGULAR = set(
-    "begun bent bound broken built caught chosen done drawn driven fallen fed felt found frozen given gone grown held "
-    "hidden kept known laid led left lit lost made meant met paid said seen sent shown sought stood sunk swept taken "
-    "thrown told torn understood won worn wound written".split()
+    "begun bent bound broken built caught chosen done drawn driven fallen fed felt found frozen given gone "
+    "grown held hidden kept known laid led left lit lost made meant met paid said seen sent shown sought "
+    "stood sunk swept taken thrown told torn understood won worn wound written".split()
 )
 """Participles without -ed. Those that are also the verb (read, put, cut, split, spread) are fine."""
 VERBS = {"embed", "exceed", "feed", "need", "proceed", "red", "seed", "shed", "speed", "succeed"}
@@ -32,7 +32,7 @@ def is_participle(name: str) -> bool:
 
 
 def functions(inside: ast.AST, where: str) -> Iterator[tuple[str, ast.FunctionDef]]:
-    """Yield each function, also of classes and functions, with its qualified name; properties are left out."""
+    """Yield each function, also inner ones, with its qualified name; properties are left out."""
     for node in ast.iter_child_nodes(inside):
         named = isinstance(node, ast.FunctionDef | ast.ClassDef)
         place = f"{where}{node.name}" if named else where

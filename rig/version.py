@@ -1,13 +1,18 @@
 """The version of the slip rig, also in a source tree that is not installed, and the processor it runs on."""
 
+import functools
 import platform
 from pathlib import Path
 
 VERSION = "1.0.0"
 
 
+@functools.cache
 def version_text() -> str:
-    """Return the version, with the commit of a checkout, such as "1.0.0 (commit 1f2e3d4c)"."""
+    """Return the version, in a checkout with its commit, such as "1.0.0 (commit 1f2e3d4c, with changes)".
+
+    Everything that is stored names it: sessions, exports, clips, benchmarks and calibrations.
+    """
     import subprocess
 
     root = Path(__file__).resolve().parents[1]
@@ -18,7 +23,7 @@ def version_text() -> str:
         done = subprocess.run(command, capture_output=True, text=True, timeout=5, check=True)  # noqa: S603
     except (OSError, subprocess.SubprocessError):
         return VERSION
-    return f"{VERSION} (commit {done.stdout.strip()})"
+    return f"{VERSION} (commit {done.stdout.strip().replace('-dirty', ', with changes')})"
 
 
 def processor() -> str:

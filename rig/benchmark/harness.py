@@ -23,7 +23,7 @@ from rig.sessions.codec import Codec, json_line, json_value
 from rig.sessions.files import append_line, drop_torn_line
 from rig.sessions.rows import read_rows
 from rig.tactile.sample import EstimatorFaults
-from rig.version import VERSION, processor
+from rig.version import processor, version_text
 
 RESULTS = "results.jsonl"  # file of a study's folder: a line per finished case
 ALL = "all"  # name of the group of all cases
@@ -249,7 +249,7 @@ def as_json(study: Study[Any], options: Any, run: Run, report: Report, wall_s: f
     tables = [{"title": of.title, "rows": [plain(row) for row in of.records]} for of in report.tables]
     return {
         "schema": SCHEMA,
-        "tool_version": VERSION,
+        "tool_version": version_text(),
         "benchmark": study.name,
         "simulated": study.simulated,
         "options": plain(asdict(options)),

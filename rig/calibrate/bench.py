@@ -19,6 +19,7 @@ from rig.bench.assembly import TABLE_M, TOOL_DOWN, home_pose
 from rig.bench.operators import ConsoleOperator
 from rig.bench.plan import Plan, PlannedMotion, make_plan
 from rig.bench.source import session_bench
+from rig.calibrate.samples import write_origin
 from rig.config import BenchConfig
 from rig.config.objects import with_objects
 from rig.tactile.contact.background import mean_background
@@ -45,7 +46,7 @@ class Station:
     before: Callable[[Plan], None] = lambda plan: None
     show: Callable[[Frame], None] | None = None
     bench: str = "fake"
-    _folders: list[Path] = field(default_factory=list)
+    _folders: dict[Path, bool] = field(default_factory=dict)
 
     def with_objects(self, folder: Path | None) -> "Station":
         """Return a station with a lab's own objects. folder, errors: as in `with_objects`."""
@@ -75,10 +76,14 @@ class Station:
         model = CameraModel.pinhole(camera.size_px, camera.focal_px)
         return replace(model, uncertainty=unknown_uncertainty("the bench file"))
 
-    def raw(self, name: str) -> Path:
-        """Return the folder for raw samples; it exists and is empty during a `connection`."""
+    def raw(self, name: str, *devices: str) -> Path:
+        """Return the folder for raw samples; it exists and has only their origin during a `connection`.
+
+        devices: serials of those that give the samples, by default all devices of the bench.
+        """
         folder = self.folder / f"{name}-samples"
-        self._folders.append(folder)
+        simulated = self.config.gives_simulated(*devices) if devices else self.config.simulated
+        self._folders[folder] = simulated
         return folder
 
     @contextmanager
@@ -105,11 +110,12 @@ class Station:
             session_bench(self.config, person, f"{plan.text()}\nAgree?") as benches,
             benches.for_lift(self.seed, "calibration") as (bench, operator),
         ):
-            for folder in self._folders:
+            for folder, simulated in self._folders.items():
                 try:
                     folder.mkdir(parents=True, exist_ok=True)
                     for old in [*folder.glob("*.png"), *folder.glob("*.csv")]:
                         old.unlink()
+                    write_origin(folder, self.bench, simulated)
                 except OSError as error:
                     raise RecordingError(
                         f"{folder}: cannot be written ({error.strerror}); choose another --out"

@@ -293,7 +293,7 @@ def collect_camera(station: Station, options: CameraOptions) -> list[Calibration
     `DeviceError`, `InputError`.
     """
     config, target, count = station.config, parse_target(options.target), options.poses
-    spec, raw = target.spec, station.raw("camera")
+    spec, raw = target.spec, station.raw("camera", station.config.require("camera").serial)
     poses = _board_poses(config, target, count, station.seed)
     left = [(f"{i:03d}", pose) for i, pose in enumerate(poses, start=1)]
     kept: list[str] = []
@@ -328,8 +328,7 @@ def collect_camera(station: Station, options: CameraOptions) -> list[Calibration
                 )
                 keep(HandEyeCapture(name, pose, capture_still(bench, bench.camera, 1)[0]))
     serial = config.require("camera").serial
-    result = solve_camera(Samples(raw), replace(options, pattern="*.png", serial=serial, keep_all=False))
-    return [replace(result, simulated=config.gives_simulated(serial))]
+    return [solve_camera(Samples(raw), replace(options, pattern="*.png", serial=serial, keep_all=False))]
 
 
 def _board_poses(config: BenchConfig, target: Target, count: int, seed: int) -> list[Pose]:
@@ -380,7 +379,7 @@ def collect_markers(station: Station, options: MarkersOptions) -> list[Calibrati
     config = station.config
     grasps = find_grasp_file(options.object_name, config.objects)
     refuse_undrawn(config, grasps)
-    raw = station.raw("markers")
+    raw = station.raw("markers", config.require("camera").serial)
     with station.connection("Nothing moves; the camera takes pictures of an object.") as (bench, operator):
         operator.place(grasps.id, grasps.name)
         for number, frame in enumerate(capture_still(bench, bench.camera, _STILL_FRAMES, station.show)):
@@ -394,8 +393,7 @@ def collect_markers(station: Station, options: MarkersOptions) -> list[Calibrati
         pattern="*.png",
         serial=camera.serial,
     )
-    result = _assess_pictures(raw, of_bench, station.camera())
-    return [replace(result, simulated=config.gives_simulated(camera.serial))]
+    return [_assess_pictures(raw, of_bench, station.camera())]
 
 
 def compare_cameras(one: Path, other: Path) -> Differences:

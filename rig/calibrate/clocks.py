@@ -130,8 +130,7 @@ def collect_streams(station: Station, options: SyncOptions) -> list[CalibrationR
         rows = [f"{t},{v:.9g}" for t, v in zip(times.tolist(), values.tolist(), strict=True)]
         write_table(raw / f"{name}.csv", "time_ns,value", rows)
     reference, sensors = (ARM, (camera.serial, *tips)) if by_arm else (camera.serial, tips)
-    solved = [solve_sync(Samples(raw), replace(options, first=reference, second=name)) for name in sensors]
-    return [replace(each, simulated=config.gives_simulated(each.serials["stream"])) for each in solved]
+    return [solve_sync(Samples(raw), replace(options, first=reference, second=name)) for name in sensors]
 
 
 def _touch(config: BenchConfig, name: str) -> Touch:

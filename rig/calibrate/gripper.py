@@ -145,8 +145,7 @@ def collect_openings(station: Station, options: GripperOptions) -> list[Calibrat
             lambda touch, steps: note(touch, steps, "opening"),
         )  # fmt: skip
     write_table(raw / "gripper.csv", "counts,opening_mm,direction", rows)
-    result = solve_openings(Samples(raw, config), replace(options, serial=config.name))
-    return [replace(result, simulated=config.simulated)]
+    return [solve_openings(Samples(raw, config), replace(options, serial=config.name))]
 
 
 @dataclass(frozen=True)
@@ -285,8 +284,7 @@ def collect_tip(station: Station, options: TipOptions) -> list[CalibrationResult
         capture_pivot(bench, tilts(count), operator.nudge, keep, station.leave_out)
     tcp_T_flange = flange_T_tcp.inverse()  # noqa: N806
     write_poses(raw, [pose_row(name, pose @ tcp_T_flange) for name, pose in seated], FLANGE)
-    result = solve_tip(Samples(raw, config), replace(options, serial=config.name))
-    return [replace(result, simulated=config.simulated)]
+    return [solve_tip(Samples(raw, config), replace(options, serial=config.name))]
 
 
 def tilts(count: int) -> list[Rotation]:

@@ -304,8 +304,7 @@ def collect_hand_eye(station: Station, options: HandEyeOptions) -> list[Calibrat
         capture_hand_eye(bench, session.next, session.keep, session.skip)
     write_poses(session.raw, session.rows, "tcp")
     of_bench = replace(options, serial=config.require("camera").serial)
-    result = _solve_views(session.samples, session.rejected, session.raw, camera, of_bench)
-    return [replace(result, simulated=config.simulated)]
+    return [_solve_views(session.samples, session.rejected, session.raw, camera, of_bench)]
 
 
 def facing_poses(

@@ -17,7 +17,7 @@ from drivers.errors import CalibrationError
 from rig.calibrate.charts import Picture
 from rig.pages.page import render
 from rig.report.parts import Notice
-from rig.version import VERSION
+from rig.version import version_text
 
 MM, DEGREES = (".2f", "mm", 1e3), (".3f", "degrees", 180.0 / np.pi)
 """Format, unit and factor of a length in m and of an angle in rad, for a `Figure`."""
@@ -62,7 +62,8 @@ class CalibrationResult:
     """A calibration with what its page shows, before it is stored.
 
     kind, serials, rejected: as in `CalibrationFile`. layout: calibrated values in the layout of their field;
-    the others are figures. source: folder of the samples. used: number of samples. files: the samples, for
+    the others are figures. source: folder of the samples; if they are
+    simulated, `rig calibrate` marks the result. used: number of samples. files: the samples, for
     the hash. thumbnails: PNG bytes of rejected samples by id. part: of the kind, if it has several files.
     attached: content of further files of the same name, by suffix; not written if refused.
     """
@@ -135,7 +136,7 @@ def file_result(result: CalibrationResult, folder: Path) -> dict[str, Any]:
         quality=result.quality,
         rejected=result.rejected,
         inputs=inputs | ({"simulated": True} if result.simulated else {}),
-        software={"visuotactile-slip-rig": VERSION} | software,
+        software={"visuotactile-slip-rig": version_text()} | software,
     )
     save(file, path)
     write_bytes(page, _page(result, file).encode())

@@ -1,6 +1,8 @@
 """Samples in a folder: pictures, robot poses, streams, tables; paired by name, never by order."""
 
+import json
 from collections.abc import Sequence
+from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
@@ -14,8 +16,32 @@ from drivers.errors import CalibrationError, FormatError, InputError
 from drivers.formats import number_in, quote, read_csv_rows, time_ns_in, whole_in
 from drivers.images import SUFFIXES, encode_png, images_in_order
 from drivers.types import Image, Pose
+from rig.version import version_text
 
 QUATERNION = ("qx", "qy", "qz", "qw")
+ORIGIN = "origin.json"
+"""File beside samples that were taken on a bench: whether they are simulated, bench, code and time."""
+
+
+def write_origin(folder: Path, bench: str, simulated: bool) -> None:
+    """Write where the samples of a folder come from; a calibration `--from` them keeps the mark."""
+    taken = datetime.now(UTC).isoformat(timespec="seconds")
+    about = {"simulated": simulated, "bench": bench, "rig": version_text(), "taken": taken}
+    write_bytes(folder / ORIGIN, f"{json.dumps(about)}\n".encode())
+
+
+def has_simulated_samples(folder: Path) -> bool:
+    """Whether the samples of a folder say that they are simulated. Raises `InputError` for a damaged file."""
+    path = folder / ORIGIN
+    if not path.is_file():
+        return False
+    try:
+        return bool(json.loads(path.read_bytes())["simulated"])
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise InputError(
+            f"{path}: cannot be read, so it is unknown whether these samples are simulated; write "
+            '{"simulated": true} or {"simulated": false} into it'
+        ) from error
 
 
 def picture_files(folder: Path, pattern: str = "*") -> list[Path]:

@@ -363,7 +363,7 @@ def collect_presses(station: Station, balls_mm: Sequence[float], count: int) -> 
         raise InputError(
             f"balls of {list(balls_mm)} mm: diameters of 2 to 30 mm make a print of a gel's size"
         )
-    folders = {tip.serial: station.raw(f"tactile-{tip.serial}") for tip in config.tactile}
+    folders = {tip.serial: station.raw(f"tactile-{tip.serial}", tip.serial) for tip in config.tactile}
     rows: dict[str, list[str]] = {tip.serial: [] for tip in config.tactile}
     touches = [touch for mm in balls_mm for touch in _places(config, mm, count, station.seed)]
     mark_m = config.require("table").position_m
@@ -394,8 +394,7 @@ def collect_presses(station: Station, balls_mm: Sequence[float], count: int) -> 
     for serial, folder in folders.items():
         write_table(folder / "catalog.csv", _CATALOG, rows[serial])
     return [
-        replace(solve_tactile(Samples(folder), TactileOptions(serial=serial)), simulated=config.simulated)
-        for serial, folder in folders.items()
+        solve_tactile(Samples(folder), TactileOptions(serial=serial)) for serial, folder in folders.items()
     ]
 
 

@@ -11,10 +11,12 @@ from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
+from calibration.verdict import Verdict
 from drivers.errors import CalibrationError, DeviceError, InputError, RecordingError
 from rig.bench.findings import Finding, Severity, assess
 from rig.bench.source import reserve_bench, unconnected_bench
 from rig.config import BenchConfig
+from rig.config.calibrations import find_calibrations
 from rig.config.extras import pip_line
 from rig.config.parts import lacking, working
 from rig.doctor.actuators import look_at_arm, look_at_gripper
@@ -119,14 +121,23 @@ def look_at_usb(places: Mapping[str, str]) -> list[Finding]:
     ]
 
 
-def look_at_calibrations(folder: Path, serials: set[str]) -> list[Finding]:
-    """Report the calibrations beside the bench file: age and device."""
+def look_at_calibrations(folder: Path, config: BenchConfig) -> list[Finding]:
+    """Report the calibrations beside the bench file: age, device, and whether trials accept them."""
     files = sorted(folder.glob("*.yaml")) if folder.is_dir() else []
     if not files:
         seen = f"none in {folder}: the bench file's own values are used"
         advice = "rig calibrate measures what this bench has: see docs/calibrating.md"
         return [Finding("calibration", "files", Severity.NOTE, seen, advice)]
-    return [_calibration(path, serials) for path in files]
+    # the gripper's table is stored under the bench's name, the arm's clock under "arm"
+    serials = {*(sensor.serial for sensor in config.sensors), config.name, "arm"}
+    findings = [_calibration(path, serials) for path in files]
+    remarks: list[str] = []
+    try:
+        find_calibrations(config, folder, remarks.append)
+    except CalibrationError as error:
+        seen, _, todo = str(error).partition("; ")
+        findings.append(Finding("calibration", "in trials", Severity.FAILURE, seen, todo))
+    return [*findings, *(Finding("calibration", "in trials", Severity.NOTE, remark) for remark in remarks)]
 
 
 def _calibration(path: Path, serials: set[str]) -> Finding:
@@ -142,12 +153,14 @@ def _calibration(path: Path, serials: set[str]) -> Finding:
     now = datetime.now(UTC)
     days = age_days(file.created, now)
     strangers = sorted(set(file.serials.values()) - serials)
-    verdict, todo = Severity.GOOD, ""
+    severity, todo = Severity.GOOD, ""
+    if file.assessment.verdict is not Verdict.GOOD:
+        severity, todo = Severity.WARNING, f"{file.assessment}"
     if days > OLD_DAYS:
-        verdict, todo = Severity.WARNING, f"older than {OLD_DAYS:g} days: check it with rig calibrate"
+        severity, todo = Severity.WARNING, f"older than {OLD_DAYS:g} days: check it with rig calibrate"
     if strangers:
-        verdict, todo = Severity.WARNING, f"of {', '.join(strangers)}, which this bench does not have"
-    return Finding("calibration", file.kind, verdict, age_text(days), todo, {"age_days": days})
+        severity, todo = Severity.WARNING, f"of {', '.join(strangers)}, which this bench does not have"
+    return Finding("calibration", file.kind, severity, age_text(days), todo, {"age_days": days})
 
 
 def examine(
@@ -162,9 +175,7 @@ def examine(
     yield from look_at_parts(config)
     begin_phase("writing to the disk")
     yield from look_at_disk(disk)
-    # the gripper's table is stored under the bench's name, the arm's clock under "arm"
-    serials = {*(sensor.serial for sensor in config.sensors), config.name, "arm"}
-    yield from look_at_calibrations(bench_folder / "calibrations", serials)
+    yield from look_at_calibrations(bench_folder / "calibrations", config)
     with ExitStack() as connected:
         try:
             connected.enter_context(reserve_bench(config))

@@ -26,7 +26,7 @@ from rig.live.observer import LiveObserver
 from rig.sessions.about import SIMULATED_EPOCH_NS, RecordingAbout
 from rig.sessions.manifest import SCHEMA_VERSION
 from rig.sessions.records import Lift, LiftTiming
-from rig.version import VERSION
+from rig.version import version_text
 
 IN_METADATA = (
     "object", "name", "lift", "number", "attempt", "position", "grip_counts", "lift_height_m", "seed",
@@ -101,7 +101,7 @@ def describe_recording(settings: TrialSettings, lift: Lift) -> RecordingAbout:
         "session_seed": str(settings.seed),
         "estimator": settings.estimator.name,
         "window": str(settings.estimator.window),
-        "tool_version": VERSION,
+        "tool_version": version_text(),
         "schema_version": str(SCHEMA_VERSION),
         "signs": ", ".join(f"{t.serial} on finger {t.finger} {t.sign:+d}" for t in bench.tactile),
         "angles": "degrees, counter-clockwise as the external camera sees them, from the end of phase A",

@@ -28,7 +28,7 @@ from rig.frames.clips import ABOUT, BACKGROUND, FRAMES, TIMES
 from rig.live.feed import RECORD, SAVE
 from rig.live.sensor_background import SensorBackground
 from rig.sessions.files import write_json
-from rig.version import VERSION
+from rig.version import version_text
 
 MARKS = "marks.csv"
 """Marks of the user in a clip: time since its first frame in s, and text."""
@@ -80,7 +80,7 @@ class ClipWriter:
         try:
             (folder / FRAMES).mkdir(parents=True)
             (folder / f"{BACKGROUND}.png").write_bytes(encode_png(background))
-            write_json(folder / ABOUT, {**about, "tool_version": VERSION})
+            write_json(folder / ABOUT, {**about, "tool_version": version_text()})
             self._times = (folder / TIMES).open("wb", buffering=0)
             _append(self._times, "frame,t_s")
         except OSError as error:

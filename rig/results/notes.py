@@ -65,7 +65,7 @@ def agreement_text(found: Agreement, stored: Sequence[TrialManifest] = ()) -> st
         return text
     there, here = sorted({*map(_origin, stored)}), _origin(begin_manifest("replay"))
     if there == [here]:
-        text += f"; both by {here}: another commit or another version of a library"
+        text += f"; both by {here}: a library has another version, or the code was changed"
     else:
         text += f"; stored by {', '.join(there)}, replayed by {here}"
     if any(manifest.markers_only for manifest in stored):

@@ -18,7 +18,7 @@ from rig.config.objects import with_objects_of
 from rig.sessions.about import NO_REMARKS, Remarks
 from rig.sessions.codec import Codec, json_value, strict
 from rig.sessions.files import CALIBRATIONS, MANIFEST, RESULTS, read_whole
-from rig.version import VERSION, processor
+from rig.version import processor, version_text
 
 SCHEMA_VERSION = 2
 """Version of all files in a session folder."""
@@ -118,7 +118,7 @@ Wanted = TypeVar("Wanted", bound=Manifest)
 def begin_manifest(kind: str) -> Manifest:
     return Manifest(
         schema_version=SCHEMA_VERSION,
-        tool_version=VERSION,
+        tool_version=version_text(),
         kind=kind,
         status="running",
         started=now_text(),

@@ -27,7 +27,7 @@ from rig.sessions.reading import phase_times, recorded_angles
 from rig.sessions.records import LIFT_TIMINGS, LIFTS, POSES
 from rig.sessions.rows import read_lifts, read_rows
 from rig.tactile.angles import Angles
-from rig.version import VERSION, processor
+from rig.version import processor, version_text
 from support.command_line import rig as command_line
 from support.marks import heavy
 
@@ -89,7 +89,7 @@ def test_replay_prints_its_difference_from_the_stored_lift_and_what_may_be_the_r
     (trial / "session.json").write_text(json.dumps({**manifest, "processor": "Another One"}))
     done = command_line("replay", trial, "--jobs", 1, "--json")
     assert done.returncode == 0
-    origins = f"stored by version 1.0.0 on Another One, replayed by version {VERSION} on {processor()}"
+    origins = f"stored by version 1.0.0 on Another One, replayed by version {version_text()} on {processor()}"
     assert f"0 of 1 lift exactly as stored, {said}; {origins}\n" in done.stderr
     figures = json.loads(done.stdout)
     assert figures["identical"] == 0

@@ -5,6 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from calibration.store import CalibrationFile, save
+from calibration.verdict import Assessment
 from drivers.errors import DeviceError, InputError
 from rig.bench.assembly import build_bench
 from rig.bench.findings import Finding, Severity
@@ -107,8 +109,19 @@ def test_cameras_on_one_usb_bus_and_missing_calibrations_are_named(tmp_path: Pat
     assert (shared.device, shared.seen) == ("USB usb1", "D1 at 1-2.4, D2 at 1-2.3")
     assert "another host controller" in shared.todo
     assert alone.todo == ""
-    (finding,) = look_at_calibrations(tmp_path / "calibrations", set())
+    (finding,) = look_at_calibrations(tmp_path / "calibrations", load_bench(real_bench_file(tmp_path)))
     assert (finding.verdict, "none" in finding.seen) == (Severity.NOTE, True)
+
+
+def test_calibration_that_trials_refuse_is_a_failure(tmp_path: Path) -> None:
+    bench = load_bench(real_bench_file(tmp_path))
+    serials = {"camera": bench.require("camera").serial}
+    inputs = {"simulated": True}
+    file = CalibrationFile("camera", serials, {}, Assessment(), "2026-11-01T00:00:00+00:00", inputs=inputs)
+    save(file, tmp_path / f"camera-{serials['camera']}.yaml")
+    *_, last = look_at_calibrations(tmp_path, bench)
+    assert (last.check, last.verdict) == ("in trials", Severity.FAILURE)
+    assert "was made on simulated devices, but bench" in last.seen
 
 
 def test_devices_that_another_program_uses_are_not_read(

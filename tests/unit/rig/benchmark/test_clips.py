@@ -31,7 +31,7 @@ from rig.benchmark.harness import Run, markers
 from rig.cli.main import app
 from rig.pages.palette import ESTIMATE, SERIES
 from rig.tactile.estimators import choose_estimator
-from rig.version import VERSION
+from rig.version import version_text
 from support.ros_bags import TOPIC, write_bag
 
 Draw = Callable[..., NDArray[np.uint8]]
@@ -255,7 +255,7 @@ def test_command_writes_page_json_and_table_and_exits_with_4(clips: Path, tmp_pa
     assert "<svg" in (out / "time_and_error.svg").read_text()
     assert page.count("data:image/jpeg") == 2 * len(LABELS)
     assert json.loads((out / "results.json").read_text()).keys() == figures.keys()
-    assert figures["tool_version"] == VERSION
+    assert figures["tool_version"] == version_text()
     assert "old" not in readme.read_text()
     assert "| ellipse |" in readme.read_text()
     readme.write_text(f"{begin}\n{end}\n")

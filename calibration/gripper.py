@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scipy.optimize import isotonic_regression
 from scipy.spatial.transform import Rotation
 
+from calibration.order import Change, assess_order, find_change
 from calibration.poses import REACH_M, pose_fault, repeated_pose
 from calibration.verdict import Assessment, Rejected, length_guess, limits, sift
 from drivers.errors import plural
@@ -163,7 +164,8 @@ _HINT = "tilt the tool by 30 degrees and more, about two axes, with the tip in i
 class PivotResult:
     """The result. tip_m: (3,) in the tool's frame; None if refused.
 
-    covariance: (3, 3) m^2 of the tip, the larger of fit and leave-one-out. residual_m: per used pose.
+    covariance: (3, 3) m^2 of the tip, the larger of fit and leave-one-out; if parts of the poses disagree, it
+    covers both. residual_m: per used pose.
     cone_deg: largest rotation between two poses.
     """
 
@@ -203,6 +205,9 @@ def calibrate_pivot(poses: Sequence[tuple[str, Pose]]) -> PivotResult:
     missed = turns @ tip + moves - point
     distance = np.linalg.norm(missed, axis=1)
     covariance = _spread(turns, moves, tip, missed)
+    change = _find_change(names, turns, missed)
+    if change is not None:
+        covariance = covariance + change.spread[:3, :3]
     rms_m, sigma_m = float(np.sqrt((distance**2).mean())), float(np.sqrt(np.trace(covariance)))
     assessment += limits(
         (1e3 * rms_m, 1.0, 5.0,
@@ -210,10 +215,21 @@ def calibrate_pivot(poses: Sequence[tuple[str, Pose]]) -> PivotResult:
         (1e3 * sigma_m, 1.0, 20.0, "the tip is known only to {value:.2f} mm"),
         (len(names), 8, FEWEST, f"{plural(len(names), 'pose')} used; 10 are good"),
     )  # fmt: skip
+    parameters = [(f"the {what}'s {axis}", 1e3, "mm") for what in ("tip", "hole") for axis in "xyz"]
+    cure = "did tip or hole move, or is the hole wider than the tip? Fasten both, and take all poses again"
+    assessment += assess_order(change, len(names), parameters, cure)
     if assessment.refusals:
         return PivotResult(assessment, tuple(rejected), cone_deg)
     residual = dict(zip(names, distance.tolist(), strict=True))
     return PivotResult(assessment, tuple(rejected), cone_deg, tip, covariance, residual)
+
+
+def _find_change(names: Sequence[str], turns: Array, missed: Array) -> Change | None:
+    """Compare poses by their order and by their tilt. missed: (N, 3) predicted minus true, m."""
+    upright = turns[:, :, 2].mean(axis=0)
+    tilt = np.arccos(np.clip(turns[:, :, 2] @ upright / np.linalg.norm(upright), -1.0, 1.0))
+    systems = np.split(_system(turns), len(turns))
+    return find_change(names, systems, list(-missed), {"tilt": tilt})
 
 
 def solve_pivot(turns: Array, moves: Array) -> tuple[Array, Array]:

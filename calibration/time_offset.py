@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 from scipy.spatial.transform import Rotation, Slerp
 
+from calibration.order import Change, assess_order, find_change
 from calibration.verdict import Assessment, limits
 from drivers.errors import CalibrationError, plural
 from drivers.progress import steps
@@ -57,6 +58,9 @@ _MOST_VALLEYS = 12
 _CLEARLY_WORSE = 25.0
 """A rival offset is excluded by the noise if twice the difference of log likelihoods exceeds this: its sum of
 squares is larger by this fraction of the effective number of samples, and at least by 15 %."""
+_BLOCK_S, _MOST_BLOCKS = 0.5, 24
+"""Least length, s, and most blocks of time that are compared: a block holds a swing of the hand."""
+_CLOCK_SET = "a clock was set or paused there: record again without it"
 _DRIFT_FROM_S = 60.0
 """Shortest overlap for which a drift is fitted."""
 
@@ -307,6 +311,9 @@ def _result(
         _, strengths, directions = np.linalg.svd(system / scale, full_matrices=False)
         unit = np.linalg.norm(directions / np.maximum(strengths, 1e-15)[:, None], axis=0) / scale
     sigma = best.noise * unit * fewer
+    change, blocks = _find_change(streams, system, rest)
+    if change is not None:
+        sigma = np.hypot(sigma, np.sqrt(np.diag(change.spread)))
     explained = 1.0 - best.cost / float(((streams.wanted - streams.wanted.mean()) ** 2).sum())
     period_s = _period_s(streams, minima, count / fewer**2)
     sigma_s, assessment = math.hypot(float(sigma[0]), rounding_s), None
@@ -320,16 +327,27 @@ def _result(
     elif abs(best.offset_s) > search_s - 2 * _GRID_S:
         reason = f"the offset lies at the end of the search (+-{search_s:g} s): search wider"
     else:
-        cure = "wiggle faster or longer"
+        cure = "wiggle faster or longer" if change is None else _CLOCK_SET
         if rounding_s > float(sigma[0]):
             cure = "several samples share one time: record the time of each sample, with more digits"
         reason = f"the offset is known to {{value:.2f}} ms only: {cure}"
-        assessment = limits((1e3 * sigma_s, min(1.0, worst_ms), worst_ms, reason))
+        order = assess_order(change, blocks, [("the offset", 1e3, "ms")], _CLOCK_SET)
+        assessment = order + limits((1e3 * sigma_s, min(1.0, worst_ms), worst_ms, reason))
     assessment = assessment or Assessment((reason,))
     if assessment.refusals:
         return TimeOffset(assessment, explained=explained, used=count)
     drifts = (1e6 * best.drift, 1e6 * float(sigma[3])) if streams.with_drift else (None, None)
     return TimeOffset(assessment, best.offset_s, sigma_s, *drifts, best.gain, explained, count)
+
+
+def _find_change(streams: _Streams, system: Array, rest: Array) -> tuple[Change | None, int]:
+    """Compare blocks of time of at least `_BLOCK_S`, and return their number too."""
+    times = streams.t2 - streams.t2[0]
+    count = int(min(_MOST_BLOCKS, times[-1] // _BLOCK_S))
+    edges = np.linspace(0.0, times[-1], count + 1)[1:-1]
+    cuts = np.searchsorted(times, edges)
+    ids = [f"{end:.1f} s" for end in (*edges, times[-1])]
+    return find_change(ids, np.split(system, cuts), np.split(rest, cuts)), count
 
 
 def _period_s(streams: _Streams, minima: list[_Minimum], independent: float) -> float | None:

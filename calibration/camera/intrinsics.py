@@ -17,6 +17,7 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from calibration.camera.model import LENS_MODELS, CameraModel, LensModel
+from calibration.order import Change, assess_order, find_change
 from calibration.targets.boards import View, coverage, outside, usable_views
 from calibration.verdict import Assessment, Rejected, limits
 from drivers.errors import CalibrationError, plural
@@ -62,7 +63,7 @@ class CameraFit:
 
     covariance: (P, P) of the lens' free terms, in the order of `lens.free`, scaled by the estimated corner
     noise. noise_px: one sigma of a corner coordinate. held_out_px: rms distance of corners in held-out views,
-    by lens model.
+    by lens model. change: parts of the views that disagree; the covariance covers both.
     """
 
     fit: Fit
@@ -70,6 +71,7 @@ class CameraFit:
     noise_px: float
     held_out_px: dict[str, float]
     rejected: tuple[Rejected, ...]
+    change: Change | None = None
 
     @property
     def held_out_rms_px(self) -> float:
@@ -113,7 +115,10 @@ def calibrate_camera(views: Sequence[View], folds: int = 5, keep_all: bool = Fal
         raise CalibrationError("camera: no lens model could be fitted to these views")
     best = fit_camera(good, chosen)
     finite = {name: error_px for name, error_px in held_out.items() if np.isfinite(error_px)}
-    return CameraFit(best, *lens_covariance(best), finite, tuple(rejected))
+    covariance, noise_px = lens_covariance(best)
+    change = _find_change(best)
+    covers = covariance if change is None else covariance + change.spread
+    return CameraFit(best, covers, noise_px, finite, tuple(rejected), change)
 
 
 def fit_camera(views: Sequence[View], lens: LensModel) -> Fit:
@@ -156,24 +161,40 @@ def held_out_error(views: Sequence[View], lens: LensModel, folds: int = 5) -> fl
 def lens_covariance(fit: Fit) -> tuple[Array, float]:
     """Return the covariance (P, P) of the free lens terms, poses marginalised, and the corner noise, px.
 
-    By QR, the part that each view's pose can explain is removed from its Jacobian. The stacked rest is
-    decomposed by SVD: no normal matrix is formed or inverted.
+    The stacked Jacobians are decomposed by SVD: no normal matrix is formed or inverted.
     """
-    free = [6 + c for c in fit.lens.free]
-    rests, squares, count = [], 0.0, 0
-    for view, turn, move in zip(fit.views, fit.rotations, fit.translations, strict=True):
-        seen, jacobian = fit.camera.project_from(view.board_m, turn, move)
-        pose, lens = jacobian[:, :6], jacobian[:, free]
-        q, _ = np.linalg.qr(pose / np.linalg.norm(pose, axis=0))
-        rests.append(lens - q @ (q.T @ lens))
-        squares += float(((seen - view.image_px) ** 2).sum())
-        count += 2 * len(view.ids)
+    rests, missed = _without_poses(fit)
     stacked = np.vstack(rests)
-    noise = np.sqrt(squares / max(count - 6 * len(fit.views) - len(free), 1))
+    squares = float(sum((each**2).sum() for each in missed))
+    noise = np.sqrt(squares / max(len(stacked) - stacked.shape[1], 1))
     scale = np.linalg.norm(stacked, axis=0)
     _, strengths, directions = np.linalg.svd(stacked / scale, full_matrices=False)
     spread = directions / np.maximum(strengths, 1e-12)[:, None] / scale * noise
     return spread.T @ spread, float(noise)
+
+
+def _without_poses(fit: Fit) -> tuple[list[Array], list[Array]]:
+    """Return each view's Jacobian (2 N - 6, P) by the free terms, and its residual (2 N - 6,).
+
+    Both are without the part that the view's own pose can explain, by QR. Residuals are measured minus
+    predicted.
+    """
+    free = [6 + c for c in fit.lens.free]
+    jacobians, residuals = [], []
+    for view, turn, move in zip(fit.views, fit.rotations, fit.translations, strict=True):
+        seen, jacobian = fit.camera.project_from(view.board_m, turn, move)
+        pose, lens = jacobian[:, :6], jacobian[:, free]
+        q, _ = np.linalg.qr(pose / np.linalg.norm(pose, axis=0), mode="complete")
+        jacobians.append(q[:, 6:].T @ lens)
+        residuals.append(q[:, 6:].T @ (view.image_px - seen).reshape(-1))
+    return jacobians, residuals
+
+
+def _find_change(fit: Fit) -> Change | None:
+    """Compare views by their order, and by the distance and the tilt of the board."""
+    normals = Rotation.from_rotvec(fit.rotations).as_matrix()[:, 2, 2]
+    quantities = {"distance": np.linalg.norm(fit.translations, axis=1), "tilt": np.arccos(np.abs(normals))}
+    return find_change([view.id for view in fit.views], *_without_poses(fit), quantities)
 
 
 def neighbour_correlation(fit: Fit) -> float:
@@ -294,7 +315,10 @@ def assess_camera(result: CameraFit) -> Assessment:
          "errors of neighbouring corners are correlated ({value:.2f}; noise: 0): focus moved, or board bent?",
          "correlation of the errors of neighbouring corners: {value:.2f}"),
     )  # fmt: skip
-    return correlated + tilts + limits(
+    names = [(f"the {name}", 1.0, unit) for name, unit in _FREE_NAMES]
+    cure = "did focus or zoom move, or is the board bent? Fix the focus, and take all views again"
+    order = assess_order(result.change, views, names, cure)
+    return correlated + tilts + order + limits(
         (100 * focal, 0.5, 10.0, "the focal length is known only to {value:.2g} %: add tilted, nearer views"),
         (result.held_out_rms_px / max(result.fit.rms_px, 0.02), 2.0, 10.0,
          "held-out views have {value:.1f} times the error of fitted ones: something moved, or too few views"),
@@ -308,6 +332,11 @@ def assess_camera(result: CameraFit) -> Assessment:
     )  # fmt: skip
 
 
+_FREE_NAMES = (
+    ("focal length fx", "px"), ("focal length fy", "px"), ("principal point cx", "px"),
+    ("principal point cy", "px"),
+)  # fmt: skip
+"""The first free terms of every lens model, as named in messages."""
 _BORDER_PX = 8.0
 """Corners nearer to the border count as outside the picture."""
 _LEAST_FACING = 0.6

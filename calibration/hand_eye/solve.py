@@ -23,6 +23,7 @@ from calibration.hand_eye.refine import (
     refine,
     uncertainty,
 )
+from calibration.order import Change, assess_order, find_change
 from calibration.poses import REACH_M, pose_fault, repeated_pose
 from calibration.targets.boards import View, on_one_line, outside, view_fault
 from calibration.verdict import Assessment, Rejected, limits, rests_on, sift
@@ -136,13 +137,39 @@ def calibrate_hand_eye(samples: Sequence[HandEyeSample], camera: CameraModel, se
         reasons = gate if gate.refusals else Assessment((_contradiction(problem, final),))
         return HandEyeResult(setup, reasons, tuple(rejected), motion, sample_px=sample_px)
     covariance, from_camera, held_out_px = uncertainty(problem, final)
+    change = _find_change(problem, final)
+    if change is not None:
+        covariance = covariance + change.spread[:6, :6]
     sample_px |= dict(zip(problem.ids, final.sample_rms_px(problem).tolist(), strict=True))
     assessment = gate + _assess(final, covariance, from_camera, len(problem.ids), len(rejected))
+    assessment += assess_order(change, len(problem.ids), _PARAMETERS, _MOVED)
     return HandEyeResult(
         setup, assessment + rests_on("camera", camera.doubts), tuple(rejected), motion,
         *final.transforms.poses, covariance, len(problem.ids), problem.ids, sample_px, from_camera,
         held_out_px, problem, final,
     )  # fmt: skip
+
+
+_PARAMETERS = [
+    (f"the {what}'s {kind} {axis}", *unit)
+    for what in ("camera", "target")
+    for kind, unit in (("rotation about", (180.0 / np.pi, "deg")), ("position along", (1e3, "mm")))
+    for axis in "xyz"
+]
+"""Label, scale and unit of the twelve parameters, in the order of `linearise`."""
+_MOVED = "did the camera or the target slip, or the robot get another base? Fasten both, and take all again"
+
+
+def _find_change(problem: Problem, found: Refined) -> Change | None:
+    """Compare samples by their order, and by the distance of the target from the camera."""
+    at = found.transforms
+    missed, jacobian = linearise(problem, at)
+    mine = [problem.owner == i for i in range(len(problem.ids))]
+    jacobians = [jacobian[rows].reshape(-1, 12) for rows in mine]
+    away_m = np.linalg.norm(problem.a_R @ at.z_t + problem.a_t - at.x_t, axis=1)
+    return find_change(
+        problem.ids, jacobians, [-missed[rows].reshape(-1) for rows in mine], {"distance": away_m}
+    )
 
 
 def _assess(final: Refined, covariance: Array, from_camera: Array, samples: int, rejected: int) -> Assessment:

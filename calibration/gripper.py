@@ -111,10 +111,19 @@ def calibrate_opening(samples: Sequence[OpeningSample], step_m: float = STEP_M) 
         )
         return GripperResult(Assessment((text,)), tuple(rejected))
     misfit_m = float(np.sqrt((np.concatenate(missed) ** 2).mean()))
+    measured = [sample for sample in good if sample.direction in tables]
+    change = find_change(
+        [sample.id for sample in measured],
+        [np.array([[1.0, sample.counts / MOST_COUNTS]]) for sample in measured],
+        [np.array([s.opening_m - np.interp(s.counts, *tables[s.direction])]) for s in measured],
+    )
     assessment = limits(
         (1e3 * misfit_m, 0.3, 2.0, "measurements miss a monotone table by {value:.2f} mm: measure again"),
         (fewest, 6, 3, "{value} counts measured; 8 are good"),
     )
+    names = [("the opening", 1e3, "mm"), ("its change over all counts", 1e3, "mm")]
+    cure = "did a finger or the gauge shift? Measure all of them again"
+    assessment += assess_order(change, len(measured), names, cure)
     hysteresis_m = None
     if len(tables) < 2:
         assessment += Assessment(doubts=("only closing was measured: hysteresis is unknown",))

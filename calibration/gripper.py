@@ -121,7 +121,7 @@ def calibrate_opening(samples: Sequence[OpeningSample], step_m: float = STEP_M) 
         (1e3 * misfit_m, 0.3, 2.0, "measurements miss a monotone table by {value:.2f} mm: measure again"),
         (fewest, 6, 3, "{value} counts measured; 8 are good"),
     )
-    names = [("the opening", 1e3, "mm"), ("its change over all counts", 1e3, "mm")]
+    names = [("the opening", 1e3, "mm", 0.3), ("its change over all counts", 1e3, "mm", 0.3)]
     cure = "did a finger or the gauge shift? Measure all of them again"
     assessment += assess_order(change, len(measured), names, cure)
     hysteresis_m = None
@@ -224,7 +224,7 @@ def calibrate_pivot(poses: Sequence[tuple[str, Pose]]) -> PivotResult:
         (1e3 * sigma_m, 1.0, 20.0, "the tip is known only to {value:.2f} mm"),
         (len(names), 8, FEWEST, f"{plural(len(names), 'pose')} used; 10 are good"),
     )  # fmt: skip
-    parameters = [(f"the {what}'s {axis}", 1e3, "mm") for what in ("tip", "hole") for axis in "xyz"]
+    parameters = [(f"the {what}'s {axis}", 1e3, "mm", 0.5) for what in ("tip", "hole") for axis in "xyz"]
     cure = "did tip or hole move, or is the hole wider than the tip? Fasten both, and take all poses again"
     assessment += assess_order(change, len(names), parameters, cure)
     if assessment.refusals:

@@ -21,6 +21,8 @@ from scipy.stats import f as f_distribution
 from calibration.verdict import Assessment, Check, Verdict
 
 Array = NDArray[np.floating]
+Name = tuple[str, float, str, float]
+"""Label, scale and unit of a parameter in messages, and the least difference in that unit that matters."""
 
 FEWEST = 3
 """Fewest samples of a part."""
@@ -49,11 +51,16 @@ class Change:
     sigma: Array
     spread: Array
 
-    def text(self, names: Sequence[tuple[str, float, str]], cure: str) -> str:
-        """Return the change of the parameter that differs most. names: label, scale and unit of the first."""
+    def matters(self, names: Sequence[Name]) -> bool:
+        """Whether a parameter differs by more than a good calibration may be wrong."""
+        differences = zip(names, self.difference, strict=False)
+        return any(scale * abs(difference) > least for (_, scale, _, least), difference in differences)
+
+    def text(self, names: Sequence[Name], cure: str) -> str:
+        """Return the change of the parameter that differs most. names: of the first parameters."""
         shown = slice(0, len(names))
         most = int(np.argmax(np.abs(self.difference[shown]) / self.sigma[shown]))
-        label, scale, unit = names[most]
+        label, scale, unit, _ = names[most]
         one, other = (
             (f"up to {self.last}", "later samples")
             if not self.by
@@ -64,13 +71,11 @@ class Change:
         return f"samples {one} and {other} disagree: {differs}; {cure}"
 
 
-def assess_order(
-    change: Change | None, count: int, names: Sequence[tuple[str, float, str]], cure: str
-) -> Assessment:
+def assess_order(change: Change | None, count: int, names: Sequence[Name], cure: str) -> Assessment:
     """Doubt a calibration whose samples disagree. count: of samples. names, cure: see `Change.text`."""
     if count < 2 * FEWEST:
         return Assessment()
-    if change is None:
+    if change is None or not change.matters(names):
         return Assessment(checks=(Check("parts of the samples agree", *LIMITS, Verdict.GOOD),))
     check = Check("parts of the samples disagree", *LIMITS, Verdict.WEAK)
     return Assessment(doubts=(change.text(names, cure),), checks=(check,))

@@ -331,7 +331,7 @@ def _result(
         if rounding_s > float(sigma[0]):
             cure = "several samples share one time: record the time of each sample, with more digits"
         reason = f"the offset is known to {{value:.2f}} ms only: {cure}"
-        order = assess_order(change, blocks, [("the offset", 1e3, "ms")], _CLOCK_SET)
+        order = assess_order(change, blocks, [("the offset", 1e3, "ms", min(1.0, worst_ms))], _CLOCK_SET)
         assessment = order + limits((1e3 * sigma_s, min(1.0, worst_ms), worst_ms, reason))
     assessment = assessment or Assessment((reason,))
     if assessment.refusals:

@@ -191,10 +191,10 @@ def _without_poses(fit: Fit) -> tuple[list[Array], list[Array]]:
 
 
 def _find_change(fit: Fit) -> Change | None:
-    """Compare views by their order, and by the distance and the tilt of the board."""
+    """Compare views by their order, and by the tilt of the board."""
     normals = Rotation.from_rotvec(fit.rotations).as_matrix()[:, 2, 2]
-    quantities = {"distance": np.linalg.norm(fit.translations, axis=1), "tilt": np.arccos(np.abs(normals))}
-    return find_change([view.id for view in fit.views], *_without_poses(fit), quantities)
+    tilts = {"tilt": np.arccos(np.abs(normals))}
+    return find_change([view.id for view in fit.views], *_without_poses(fit), tilts)
 
 
 def neighbour_correlation(fit: Fit) -> float:
@@ -315,7 +315,8 @@ def assess_camera(result: CameraFit) -> Assessment:
          "errors of neighbouring corners are correlated ({value:.2f}; noise: 0): focus moved, or board bent?",
          "correlation of the errors of neighbouring corners: {value:.2f}"),
     )  # fmt: skip
-    names = [(f"the {name}", 1.0, unit) for name, unit in _FREE_NAMES]
+    least_px = _LEAST_FOCAL * float(result.fit.camera.matrix[0, 0])
+    names = [(f"the {name}", 1.0, "px", least_px) for name in _FREE_NAMES]
     cure = "did focus or zoom move, or is the board bent? Fix the focus, and take all views again"
     order = assess_order(result.change, views, names, cure)
     return correlated + tilts + order + limits(
@@ -332,10 +333,9 @@ def assess_camera(result: CameraFit) -> Assessment:
     )  # fmt: skip
 
 
-_FREE_NAMES = (
-    ("focal length fx", "px"), ("focal length fy", "px"), ("principal point cx", "px"),
-    ("principal point cy", "px"),
-)  # fmt: skip
+_LEAST_FOCAL = 0.005
+"""Change of the focal length, as a share of it, that matters: as uncertain as a good calibration may be."""
+_FREE_NAMES = ("focal length fx", "focal length fy", "principal point cx", "principal point cy")
 """The first free terms of every lens model, as named in messages."""
 _BORDER_PX = 8.0
 """Corners nearer to the border count as outside the picture."""

@@ -153,10 +153,10 @@ def calibrate_hand_eye(samples: Sequence[HandEyeSample], camera: CameraModel, se
 _PARAMETERS = [
     (f"the {what}'s {kind} {axis}", *unit)
     for what in ("camera", "target")
-    for kind, unit in (("rotation about", (180.0 / np.pi, "deg")), ("position along", (1e3, "mm")))
+    for kind, unit in (("rotation about", (180.0 / np.pi, "deg", 0.1)), ("position along", (1e3, "mm", 1.0)))
     for axis in "xyz"
 ]
-"""Label, scale and unit of the twelve parameters, in the order of `linearise`."""
+"""Names of the twelve parameters in messages, in the order of `linearise`."""
 _MOVED = "did the camera or the target slip, or the robot get another base? Fasten both, and take all again"
 
 

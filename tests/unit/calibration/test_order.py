@@ -58,7 +58,7 @@ def test_samples_are_also_ordered_by_a_quantity() -> None:
     residuals = [np.array([value]) for value in values - values.mean()]
     found = find_change([str(i) for i in size], [np.ones((1, 1))] * 20, residuals, {"size": size})
     assert found is not None
-    text = found.text([("the weight", 1.0, "kg")], "weigh again")
+    text = found.text([("the weight", 1.0, "kg", 0.1)], "weigh again")
     assert text.startswith(
         "samples with the smallest size, up to 9, and the others disagree: the weight diff"
     )

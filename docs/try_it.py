@@ -22,7 +22,7 @@ FIRST = "rig trial --object wrench --lifts 1 --out lift"
 _INDENTED = re.compile(r"^ {4}rig .*$", re.MULTILINE)
 _FENCE = re.compile(r"^```sh$(.*?)^```$", re.DOTALL | re.MULTILINE)
 NEEDS = {
-    r"--bench my_bench\.toml": "needs hardware",
+    r"--bench (my_bench|desk)\.toml": "needs hardware",
     r"^rig live (?!.*--seconds)|^rig show": "needs a person who ends it",
     r"HOST:PORT": "needs a cluster",
     r"\bD20641\b": "needs a sensor",

@@ -1,6 +1,7 @@
-"""Draw targets as pictures, and as printable sheets with a bar to check the scale."""
+"""Draw targets as pictures, and as printable sheets with a bar to check the scale; and a protractor."""
 
 import html
+import math
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -21,8 +22,14 @@ _BAR_MM = 100.0
 """Length of the printed scale bar."""
 TEXT_MM = 3.2
 """Font size of the text on the sheet."""
+PROTRACTOR = "protractor"
+"""Name of the sheet with lines at known angles, which is no target."""
+_STEP_DEG, _INNER_MM, _OUTER_MM, _LABEL_MM = 5, 35.0, 85.0, 90.0
+"""Protractor: step of its lines, radius of the free space for a sensor, of the lines, and of their labels."""
 Rectangle = tuple[float, float, float, float]
 """x, y, width, height."""
+Line = tuple[float, float, float, float]
+"""x and y of both ends."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -55,46 +62,81 @@ def target_picture(spec: str) -> TargetPicture:
 class TargetSheet:
     """A sheet to print at 100 %, mm from its top left corner, y down.
 
-    size_mm: width, height. ink: black rectangles (x, y, width, height): the target, and a bar of 100 mm with
-    a tick every 10 mm. text, text_mm: a line of text, and the start of its baseline.
+    size_mm: width, height. ink: black rectangles: the target, and a bar of 100 mm with a tick every 10 mm.
+    texts: x and y of the start of the baseline, and the text. lines: with their width.
     """
 
     size_mm: tuple[float, float]
     ink: tuple[Rectangle, ...]
-    text: str
-    text_mm: tuple[float, float]
+    texts: tuple[tuple[float, float, str], ...]
+    lines: tuple[tuple[Line, float], ...] = ()
 
 
 def target_sheet(spec: str) -> TargetSheet:
-    """Lay out a target's sheet, with a bar to measure with a ruler.
+    """Lay out the sheet of a target, or the protractor, with a bar to measure with a ruler.
 
     Raises `InputError` for an invalid target.
     """
+    if spec == PROTRACTOR:
+        return _protractor_sheet()
     drawn = _draw(spec)
     size = drawn.size
     foot = size[1] * 1e3 + 2 * _MARGIN_MM
     ink = [(_MARGIN_MM + x * 1e3, _MARGIN_MM + y * 1e3, w * 1e3, h * 1e3) for x, y, w, h in drawn.ink]
-    ticks = [(_MARGIN_MM + 10.0 * i - 0.1, foot, 0.2, 4.0) for i in range(11)]
-    bar = (_MARGIN_MM, foot + 4.0, _BAR_MM, 0.4)
     wide = max(size[0] * 1e3, _BAR_MM) + 2 * _MARGIN_MM
     text = f"{spec} - print at 100 %; this bar must measure 100.0 mm; put the measured side into the name"
-    return TargetSheet((wide, foot + 22.0), (*ink, bar, *ticks), text, (_MARGIN_MM, foot + 11.0))
+    return TargetSheet((wide, foot + 22.0), (*ink, *_bar(foot)), ((_MARGIN_MM, foot + 11.0, text),))
+
+
+def _bar(foot_mm: float) -> tuple[Rectangle, ...]:
+    """Return the bar of 100 mm and its ticks, which begin at this height of the sheet."""
+    ticks = [(_MARGIN_MM + 10.0 * i - 0.1, foot_mm, 0.2, 4.0) for i in range(11)]
+    return (_MARGIN_MM, foot_mm + 4.0, _BAR_MM, 0.4), *ticks
+
+
+def _protractor_sheet() -> TargetSheet:
+    """Lay out lines through a middle at -85 to 90 degrees, counter-clockwise positive.
+
+    The line at 0 degrees is thick: the edge of a ruler or a pen is laid along it. Each line has two parts, on
+    both sides of the free space in the middle.
+    """
+    middle = _MARGIN_MM + _LABEL_MM + 3.0
+    foot = 2 * middle + 4.0
+    lines, texts = [], [
+        (_MARGIN_MM, foot + 11.0, "print at 100 %; this bar must measure 100.0 mm"),
+        (_MARGIN_MM, foot + 16.0, "angles in degrees, counter-clockwise seen from above"),
+    ]  # fmt: skip
+    for angle in range(_STEP_DEG - 90, 91, _STEP_DEG):
+        width = 0.6 if angle == 0 else 0.3 if angle % 10 == 0 else 0.15
+        for side in (1, -1):
+            x, y = side * math.cos(math.radians(angle)), -side * math.sin(math.radians(angle))
+            inner, outer, label = (
+                (middle + radius * x, middle + radius * y) for radius in (_INNER_MM, _OUTER_MM, _LABEL_MM)
+            )
+            lines.append(((*inner, *outer), width))
+            if angle % 10 == 0:
+                texts.append((label[0] - 3.0, label[1] + 1.2, f"{angle}".replace("-", "\N{MINUS SIGN}")))
+    return TargetSheet((2 * middle, foot + 22.0), _bar(foot), tuple(texts), tuple(lines))
 
 
 def sheet_svg(spec: str) -> str:
     """Return the sheet as SVG. Raises `InputError` for an invalid target."""
     sheet = target_sheet(spec)
-    (wide, high), (x, y) = sheet.size_mm, sheet.text_mm
+    wide, high = sheet.size_mm
     ink = "".join(
         f'<rect x="{left:.4f}" y="{top:.4f}" width="{w:.4f}" height="{h:.4f}"/>'
         for left, top, w, h in sheet.ink
     )
+    lines = "".join(
+        f'<line x1="{x1:.4f}" y1="{y1:.4f}" x2="{x2:.4f}" y2="{y2:.4f}" stroke-width="{width}"/>'
+        for (x1, y1, x2, y2), width in sheet.lines
+    )
+    texts = "".join(f'<text x="{x:.2f}" y="{y:.2f}">{html.escape(text)}</text>' for x, y, text in sheet.texts)
     return (
         f'<svg xmlns="http://www.w3.org/2000/svg" width="{wide:.3f}mm" height="{high:.3f}mm" '
         f'viewBox="0 0 {wide:.3f} {high:.3f}"><rect width="100%" height="100%" fill="#fff"/>'
-        f'<g fill="#000" shape-rendering="crispEdges">{ink}'
-        f'<text x="{x}" y="{y}" font-family="sans-serif" font-size="{TEXT_MM}">'
-        f"{html.escape(sheet.text)}</text></g></svg>\n"
+        f'<g fill="#000" shape-rendering="crispEdges">{ink}</g><g stroke="#000">{lines}</g>'
+        f'<g font-family="sans-serif" font-size="{TEXT_MM}">{texts}</g></svg>\n'
     )
 
 

@@ -251,7 +251,7 @@ def thumbnails(
 
 
 def sheet_pdf(spec: str) -> bytes:
-    """Return the sheet of a target as PDF. Raises `InputError` for a target that is not understood."""
+    """Return the sheet of a target, or the protractor, as PDF. Raises `InputError` for an invalid target."""
     sheet = target_sheet(spec)
     wide, high = sheet.size_mm
     figure = Figure(figsize=(wide / _MM_PER_INCH, high / _MM_PER_INCH))
@@ -261,7 +261,11 @@ def sheet_pdf(spec: str) -> bytes:
     corners = [[(x, y), (x + w, y), (x + w, y + h), (x, y + h)] for x, y, w, h in sheet.ink]
     axes.add_collection(PolyCollection(corners, facecolors="black", linewidths=0.0))
     size = TEXT_MM / _MM_PER_INCH * _POINTS_PER_INCH
-    axes.text(*sheet.text_mm, sheet.text, fontsize=size, family="sans-serif", va="baseline")
+    for (x1, y1, x2, y2), width in sheet.lines:
+        points = width / _MM_PER_INCH * _POINTS_PER_INCH
+        axes.plot([x1, x2], [y1, y2], color="black", linewidth=points, solid_capstyle="butt")
+    for x, y, text in sheet.texts:
+        axes.text(x, y, text, fontsize=size, family="sans-serif", va="baseline")
     stream = BytesIO()
     # without a date, so that equal targets give equal files
     figure.savefig(stream, format="pdf", metadata={"Title": spec, "CreationDate": None})

@@ -183,7 +183,7 @@ calibrate = Commands(
 @calibrate.command()
 def board(
     target: Annotated[
-        str, typer.Argument(help="Target, in the form of --target of the other commands.")
+        str, typer.Argument(help="Target, in the form of --target of the other commands; or protractor.")
     ] = "charuco:8x6:25:18:DICT_5X5_100",
     out: Annotated[
         Path | None, typer.Option("--out", help="File to write, .svg or .pdf.", callback=file_place)
@@ -195,7 +195,10 @@ def board(
     Measure one side of a square or marker after printing. If it differs, put the measured length into the
     target's name.
 
+    The protractor has a line every 5 degrees, to turn an object on a sensor by a known angle.
+
     Examples:
+      rig calibrate board protractor --out protractor.pdf
       rig calibrate board charuco:8x6:25:18:DICT_5X5_100 --out board.pdf
       rig calibrate board marker:60:DICT_4X4_50:0 --out marker.svg
     """

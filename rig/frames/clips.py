@@ -96,10 +96,10 @@ def clip_background(folder: Path) -> Path | None:
     return files[0] if files else None
 
 
-def is_simulated_clip(path: Path) -> bool:
-    """Whether a clip, or the clip that a folder of frames belongs to, is of a simulated sensor.
+def about_clip(path: Path) -> dict[str, Any]:
+    """Return the metadata of a clip, or of the clip that a folder of frames belongs to; empty without any.
 
-    Raises `InputError` if its metadata are damaged.
+    Raises `InputError` if they are damaged.
     """
     for file in (path / ABOUT, path.absolute().parent / ABOUT):
         if path.is_dir() and file.is_file():
@@ -107,8 +107,13 @@ def is_simulated_clip(path: Path) -> bool:
                 about = read_json(file)
             except FormatError as error:
                 raise InputError(f"{error}: copy the clip again, or delete this file") from error
-            return isinstance(about, dict) and about.get("simulated") is True
-    return False
+            return about if isinstance(about, dict) else {}
+    return {}
+
+
+def is_simulated_clip(path: Path) -> bool:
+    """Whether a clip is of a simulated sensor, see `about_clip`."""
+    return about_clip(path).get("simulated") is True
 
 
 def require_clip(path: Path) -> None:

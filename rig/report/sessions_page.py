@@ -50,7 +50,14 @@ def write_sessions(
             if chart := _error_chart(sorted(known, key=lambda point: point[0]), title):
                 charts.append(chart)
     table = Table(list(columns), rows, text, filters=chosen)
-    values = {"folder": str(folder.resolve()), "table": table, "charts": charts, "made": made_text()}
+    benches = [entry.bench_manifest for entry in entries if entry.bench_manifest]
+    values = {
+        "folder": str(folder.resolve()),
+        "simulated": bool(benches) and all(bench.simulated for bench in benches),
+        "table": table,
+        "charts": charts,
+        "made": made_text(),
+    }
     write_page(page, render("rig.report", "sessions.html", **values))
 
 

@@ -4,6 +4,7 @@ import csv
 import json
 import re
 import subprocess
+import zlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from hashlib import sha256
@@ -295,6 +296,26 @@ def test_board_is_drawn_to_scale(tmp_path: Path) -> None:
     assert box is not None
     points_per_mm = 72.0 / 25.4
     assert [float(side) / points_per_mm for side in box.groups()] == pytest.approx([224.0, 196.0], abs=0.01)
+
+
+def test_protractor_has_lines_through_its_middle_every_5_degrees(tmp_path: Path) -> None:
+    svg, pdf = tmp_path / "sheet.svg", tmp_path / "sheet.pdf"
+    for path in (svg, pdf):
+        assert calibrate("board", "protractor", "--out", path).returncode == 0
+    ends = r'x1="([0-9.]+)" y1="([0-9.]+)" x2="([0-9.]+)" y2="([0-9.]+)"'
+    in_svg = np.array(re.findall(ends, svg.read_text()), float).reshape(-1, 2, 2) * (1, -1)
+    streams = re.findall(rb"\nstream\r?\n(.*?)endstream", pdf.read_bytes(), re.DOTALL)
+    drawing = b"\n".join(zlib.decompressobj().decompress(each) for each in streams)
+    stroke = rb"([0-9.]+) ([0-9.]+) m\n([0-9.]+) ([0-9.]+) l\n+S\n"
+    in_pdf = np.array(re.findall(stroke, drawing), float).reshape(-1, 2, 2) / 72.0 * 25.4
+    for lines in (in_svg, in_pdf):
+        along = lines[:, 1] - lines[:, 0]
+        angles = np.degrees(np.arctan2(along[:, 1], along[:, 0]))
+        assert np.sort(angles) == pytest.approx(np.arange(-175.0, 181.0, 5.0), abs=0.01)
+        middle = lines.mean(axis=(0, 1))
+        across = along / np.linalg.norm(along, axis=1, keepdims=True) @ [[0.0, 1.0], [-1.0, 0.0]]
+        assert np.abs(((lines[:, 0] - middle) * across).sum(axis=1)).max() < 0.01
+        assert np.linalg.norm(along, axis=1) == pytest.approx(50.0, abs=0.01)
 
 
 @pytest.mark.parametrize(

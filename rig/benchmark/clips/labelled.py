@@ -26,6 +26,7 @@ from rig.frames.clips import (
     LABELS,
     TIMES,
     TRIAL_VIDEO,
+    about_clip,
     clip_background,
     clip_frames,
     is_trial,
@@ -78,6 +79,7 @@ class LabelledClip:
     labels: tuple[ClipLabel, ...]  # in order of frames, without the reference
     contacts: tuple[ContactSpan, ...] = ()  # frames with known contact state
     version: ClipVersion = ClipVersion.PLAIN
+    sensor: str = ""  # serial or address of the sensor; empty if it is not known
 
 
 def read_clips(
@@ -170,6 +172,7 @@ def _clip(folder: Path, groups: Mapping[str, str], topic: str | None) -> Labelle
         reference_frame=reference,
         labels=_unwrap(folder / LABELS, labels, reference, times_s),
         contacts=_contacts(contacts, count) if contacts.exists() else (),
+        sensor=str(about_clip(folder).get("sensor", "")),
     )
 
 

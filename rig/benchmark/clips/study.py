@@ -41,7 +41,7 @@ from rig.benchmark.harness import (
     processor_and_cores,
     table_of,
 )
-from rig.benchmark.measured import Measured, at_least, at_most
+from rig.benchmark.measured import NONE, Measured, at_least, at_most
 from rig.benchmark.timing import (
     ALONE,
     AS_MULTIPLE,
@@ -59,11 +59,13 @@ from rig.pages.figure import band, column_files, drawing, legend_above, limits, 
 from rig.pages.page import render
 from rig.pages.palette import ESTIMATE, SERIES, TRUTH
 from rig.report.strips import Still, still
-from rig.results.metrics import USEFUL_SIGMA_DEG
+from rig.results.metrics import USEFUL_SIGMA_DEG, mean_interval
 from rig.results.scores import WRONG_DEG, WRONG_SIGMAS, is_confidently_wrong
 from rig.results.shares import Share, share_of
+from rig.tactile.angles import Angles
 from rig.tactile.estimators import EstimatorChoice, choose_estimator
 from rig.tactile.sample import EstimatorFaults, State, faults_of
+from rig.version import version_text
 
 ESTIMATORS = ("slip", "ecc", "ellipse", "pca", "anglenet")  # estimators that are compared by default
 PROJECT = {"within": 0.5, "confidently_wrong": 0.04, "two_sigma": 0.88}
@@ -439,7 +441,14 @@ def make_report(
     by_interface, by_clip = interface_table(first, interfaces), clip_table(first)
     limits = judge(first.groups[options.group or ALL], options)
     limits_of = f"'{first.name}', {options.group or 'all clips'}"
-    shown = [*([limit_table(limits, limits_of)] if limits else []), *by_version, overall, *by_interface]
+    unit = [unit_table(first.runs[0], first.name)] if len(first.runs) == 1 and not options.public_set else []
+    shown = [
+        *unit,
+        *([limit_table(limits, limits_of)] if limits else []),
+        *by_version,
+        overall,
+        *by_interface,
+    ]
     labels, clips = plural(first.groups[ALL].labels, "label"), plural(len(first.runs), "clip")
     head = f"{clips}, {labels}, {processor_and_cores()}, one thread. Errors in degrees."
     tables = [by_version[0] if by_version else overall, *by_interface]
@@ -448,7 +457,7 @@ def make_report(
     figure, file = time_and_error(estimators)
     name = options.public_set or options.folder.name
     return Report(
-        tables=(by_clip, overall, *by_version, *by_interface),
+        tables=(by_clip, overall, *by_version, *by_interface, *unit),
         limits=limits,
         limits_of=limits_of,
         section=section,
@@ -457,10 +466,49 @@ def make_report(
             "index.html": page(name, estimators, verdict(limits), [*shown, by_clip], figure),
             "table.md": section + "\n",
             "time_and_error.svg": file,
+            **({"my_unit.md": unit[0].markdown() + "\n"} if unit else {}),
         },
         notes=[readme_row(find_set(options.public_set), first)] if options.public_set else (),
         faults={of.name: faults for of in estimators if (faults := of.faults)},
     )
+
+
+def unit_table(run: ClipRun, estimator: str) -> Table:
+    """Return the figures of one sensor, to send to another person: a name and a value per row."""
+    found, errors = run.score, np.array([label.error_deg for label in run.answers.labels])
+    low, high = mean_interval(errors)
+    ends = "" if low is None or high is None else f" [{max(low, 0.0):.2f}, {high:.2f}]"
+    rest = noise_at_rest_deg(run.estimate.angles)
+    return Table(
+        "My unit",
+        ("my unit", run.clip.sensor or "-"),
+        [
+            ("clip", run.clip.name),
+            ("rig", version_text()),
+            ("estimator", estimator),
+            ("labels beside the reference", str(found.labels)),
+            (
+                "largest labelled angle, degrees",
+                f"{max(abs(of.label.angle_deg) for of in run.answers.labels):.1f}",
+            ),
+            ("mean error, degrees", f"{found.mean_deg:.2f}{ends}"),
+            ("labels within 3 degrees", str(found.within_3)),
+            ("useful (sigma at most 5 degrees)", NONE if found.useful is None else str(found.useful)),
+            ("within 2 sigma", NONE if found.two_sigma is None else str(found.two_sigma)),
+            ("noise at rest (quietest second), degrees", NONE if rest is None else f"{rest:.2f}"),
+        ],
+        left=2,
+    )
+
+
+def noise_at_rest_deg(angles: Angles) -> float | None:
+    """Return the smallest standard deviation of the angle in any second without a refused frame.
+
+    None without such a second.
+    """
+    ends = np.searchsorted(angles.time_s, angles.time_s + 1.0)
+    seconds = [angles.angle_deg[i:end] for i, end in enumerate(ends) if end < len(angles.time_s)]
+    return min((float(of.std()) for of in seconds if of.size > 1 and np.isfinite(of).all()), default=None)
 
 
 def clip_table(first: EstimatorRuns) -> Table:

@@ -169,6 +169,35 @@ def test_browser_shows_live_updates(page: WatchPage, tmp_path: Path, width: int,
         sender.close()
 
 
+CUT = """[...document.querySelectorAll('#lifts .tile, #lifts .curve, #pictures img')].filter(e => {
+  const box = e.getBoundingClientRect();
+  return box.top < 0 || box.bottom > innerHeight || box.right > innerWidth;
+}).map(e => e.outerHTML.slice(0, 90))"""
+"""Tiles, charts and pictures that are not completely in the window."""
+
+
+@NEEDS_CHROMIUM
+@pytest.mark.heavy
+@pytest.mark.parametrize("size", [(1366, 768), (1920, 1080), (390, 844)])
+def test_angles_chart_and_pictures_of_a_lift_are_in_view_at_once(
+    page: WatchPage, tmp_path: Path, size: tuple[int, int]
+) -> None:
+    browser, sender = Browser(tmp_path / "profile"), Sender([page.listener])
+    try:
+        browser.open(page.address, size[0], height=size[1])
+        sender.send("figures", {**LIFT, **FIGURES})
+        for serial, shape in (("D1", (320, 240, 3)), ("D2", (320, 240, 3)), ("C1", (480, 640, 3))):
+            image = encode_jpeg(np.full(shape, 99, np.uint8), 80)
+            sender.send("frame", {**LIFT, "serial": serial, "time_ns": 5}, image)
+        loaded = "[...document.querySelectorAll('#pictures img')].filter(e => e.naturalHeight).length"
+        until(lambda: browser.value(loaded) == 3)
+        assert browser.value("document.querySelectorAll('#lifts .curve').length") == 1
+        assert browser.value(CUT) == []
+    finally:
+        browser.close()
+        sender.close()
+
+
 def test_page_is_read_only_and_serves_only_its_own_paths_to_its_own_host(still_page: WatchPage) -> None:
     own = f"http://{urlsplit(still_page.address).netloc}"
     assert urlsplit(still_page.address).query == "", "no key is needed on this computer"

@@ -23,6 +23,7 @@ from rig.benchmark.clips.study import (
     ClipsOptions,
     JudgedLabel,
     measure,
+    noise_at_rest_deg,
     run_clip,
     score,
     time_and_error,
@@ -30,6 +31,7 @@ from rig.benchmark.clips.study import (
 from rig.benchmark.harness import Run, markers
 from rig.cli.main import app
 from rig.pages.palette import ESTIMATE, SERIES
+from rig.tactile.angles import Angles
 from rig.tactile.estimators import choose_estimator
 from rig.version import version_text
 from support.ros_bags import TOPIC, write_bag
@@ -287,6 +289,37 @@ def test_only_given_limits_apply_to_user_clips(clips: Path, tmp_path: Path) -> N
     assert judged.exit_code == 4
     assert "required at least 1.01" in judged.stderr
     assert "time per frame" not in judged.stderr
+
+
+@pytest.mark.heavy
+def test_table_of_one_clip_names_sensor_version_and_error(clips: Path, tmp_path: Path) -> None:
+    clip = shutil.copytree(clips / "frames_clip", tmp_path / "clip")
+    (clip / "clip.json").write_text('{"sensor": "D20641", "simulated": false}')
+    labels = [(frame, TURN_DEG[frame]) for frame in range(9, 25, 3)]
+    (clip / "labels.csv").write_text(labels_text(labels))
+    command = ["benchmark", "clips", str(clip), "--estimator", "pca", "--out", str(tmp_path / "unit")]
+    assert CliRunner().invoke(app, command).exit_code == 0
+    rows = (tmp_path / "unit" / "my_unit.md").read_text().splitlines()
+    found = dict(row.strip("| ").split(" | ") for row in rows)
+    assert (found["my unit"], found["clip"], found["estimator"]) == ("D20641", "clip", "pca")
+    assert found["rig"].startswith(VERSION)
+    assert found["labels beside the reference"] == "5"
+    assert found["largest labelled angle, degrees"] == "30.0"
+    mean, low, high = map(float, re.findall(r"[0-9.]+", found["mean error, degrees"]))
+    assert 0.0 <= low < mean < high < 3.0
+    assert found["labels within 3 degrees"] == "100% [57, 100]"
+    assert found["useful (sigma at most 5 degrees)"] == "-", "pca has no sigma"
+    assert found["noise at rest (quietest second), degrees"] == "-", "the clip is shorter than a second"
+
+
+def test_noise_at_rest_is_that_of_the_quietest_whole_second() -> None:
+    time_s = np.arange(0.0, 4.0, 0.02)
+    rng = np.random.default_rng(0)
+    noise = rng.normal(0.0, np.where((time_s > 1.2) & (time_s < 2.6), 0.1, 0.8))
+    assert noise_at_rest_deg(Angles(time_s, noise)) == pytest.approx(0.1, rel=0.3)
+    noise[60:130:20] = np.nan
+    assert noise_at_rest_deg(Angles(time_s, noise)) == pytest.approx(0.8, rel=0.3)
+    assert noise_at_rest_deg(Angles(time_s[:40], noise[:40])) is None
 
 
 @pytest.mark.heavy

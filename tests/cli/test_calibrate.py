@@ -28,6 +28,7 @@ from rig.config import load_bench
 from rig.config.write import write_bench
 from support.benches import lighter
 from support.command_line import rig
+from support.marker_pictures import MarkerPictures
 from support.motions import general_scene, pivot_scene, wiggle_scene
 from support.simulated_gel import SimulatedGel
 
@@ -336,3 +337,16 @@ def test_reasons_of_rejected_rows_are_counted_on_the_terminal(count: int, tmp_pa
     assert "column qz: 'x' is not a number" in done.stderr
     assert "the id 001 a second time" in done.stderr
     assert len(lines) <= 5
+
+
+def test_uncertainty_of_a_turn_is_unknown_without_a_camera(tmp_path: Path) -> None:
+    scene, rng = MarkerPictures(), np.random.default_rng(0)
+    for number in range(20):
+        cv2.imwrite(str(tmp_path / f"{number:02d}.png"), scene.draw(0.0, rng))
+    done = calibrate("markers", "--from", tmp_path, "--out", tmp_path / "out", "--json")
+    assert done.returncode == 0, done.stderr
+    found = json.loads(done.stdout)["calibrations"][0]
+    assert found["verdict"] == "weak"
+    for name in ("one sigma", "due to the camera"):
+        assert found["numbers"][f"a turn of 30 degrees, {name}"] == "unknown without intrinsics (--camera)"
+    assert not any("turn_sigma" in key for key in (*found["value"], *found["quality"]))

@@ -6,6 +6,7 @@ import re
 import shutil
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -16,6 +17,7 @@ from numpy.typing import NDArray
 from typer.testing import CliRunner
 
 from drivers.errors import InputError
+from drivers.progress import Display, show_on
 from rig.benchmark.clips.labelled import ClipLabel, ClipVersion, ContactSpan, clip_version, read_clips
 from rig.benchmark.clips.study import (
     ALL,
@@ -23,6 +25,7 @@ from rig.benchmark.clips.study import (
     ClipsOptions,
     JudgedLabel,
     measure,
+    measure_clip,
     run_clip,
     score,
     time_and_error,
@@ -41,6 +44,23 @@ COLUMNS = "reference_frame,keyframe,angle_deg,sigma_deg"
 SPANS = "first,last,contact\n"
 TURN_DEG = [*[0.0] * 10, *np.arange(2.0, 32.0, 2.0)]
 LABELS = [(9, 0.0), (14, 10.0), (19, 20.0), (24, 30.0)]
+
+
+def test_progress_names_clip_and_estimator_and_restarts_only_with_a_name(clips: Path) -> None:
+    clip = next(clip for clip in read_clips(clips) if clip.name == "frames_clip")
+    shown: list[str | int] = []
+    show_on(Display(shown.append, lambda done, total: shown.append(done)))
+    try:
+        measure_clip([choose_estimator("pca"), choose_estimator("ellipse")], clip)
+    finally:
+        show_on(None)
+    names = [each for each in shown if isinstance(each, str)]
+    assert names == [
+        "frames_clip, time of findTransformECC", "frames_clip, pca", "frames_clip, ellipse",
+        "frames_clip, times of pca by interface",
+    ]  # fmt: skip
+    for before, now in pairwise(shown):
+        assert isinstance(now, str) or isinstance(before, str) or now > before
 
 
 def judged(

@@ -87,7 +87,7 @@ def choose_frames(
     )
     if touching[-1] >= end:
         note += (
-            f"\nthe press ends at frame {end}; label a later one in a clip of its own, or alone with "
+            f"\nthe press ends at frame {end}; label a later one in a separate clip, or alone with "
             "--reference"
         )
     return FrameChoice(frames[0], frames), note

@@ -41,8 +41,11 @@ def verdicts(rows: list[Lift], **limit: object) -> list[tuple[str, float | None,
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("limits = []\nuper = 0.2", "l.toml:2: uper: unknown key (did you mean 'upper'?)"),
-        ('[[limits]]\nfigure = "mare_deg"\nuper = 0.2', "l.toml:3: limits.0.uper: unknown key (did you mean"),
+        ("limits = []\nupperr = 0.2", "l.toml:2: upperr: unknown key (did you mean 'upper'?)"),
+        (
+            '[[limits]]\nfigure = "mare_deg"\nupperr = 0.2',
+            "l.toml:3: limits.0.upperr: unknown key (did you mean",
+        ),
         ("limits = 3", "l.toml:1: limits: must be a list, found 3"),
         ("[[limits]]\nfigure = { of = 1 }\nupper = 1.0", "must be text in quotation marks, found a table"),
     ],

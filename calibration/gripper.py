@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 
 from calibration.poses import REACH_M, pose_fault, repeated_pose
 from calibration.verdict import Assessment, Rejected, length_guess, limits, sift
-from drivers.errors import counted
+from drivers.errors import plural
 from drivers.types import Pose
 
 Array = NDArray[np.floating]
@@ -105,7 +105,7 @@ def calibrate_opening(samples: Sequence[OpeningSample], step_m: float = STEP_M) 
     if Direction.CLOSING not in tables:
         closing = sum(s.direction is Direction.CLOSING for s in good)
         text = (
-            f"{counted(closing, 'usable measurement')} while closing; at least {FEWEST_COUNTS} different "
+            f"{plural(closing, 'usable measurement')} while closing; at least {FEWEST_COUNTS} different "
             "counts are needed"
         )
         return GripperResult(Assessment((text,)), tuple(rejected))
@@ -182,7 +182,7 @@ def calibrate_pivot(poses: Sequence[tuple[str, Pose]]) -> PivotResult:
         lambda named, kept: pose_fault(named[1], "robot pose", REACH_M) or repeated_pose(named[1], kept),
     )  # fmt: skip
     if len(good) < FEWEST:
-        text = f"{counted(len(good), 'usable distinct pose')}; at least {FEWEST} are needed, 10 are good"
+        text = f"{plural(len(good), 'usable distinct pose')}; at least {FEWEST} are needed, 10 are good"
         return PivotResult(Assessment((text,)), tuple(rejected))
     names = [name for name, _ in good]
     turns = np.array([pose.rotation.as_matrix() for _, pose in good])
@@ -196,7 +196,7 @@ def calibrate_pivot(poses: Sequence[tuple[str, Pose]]) -> PivotResult:
     turns, moves = turns[kept], moves[kept]
     cone_deg, assessment = _gate(turns)
     if len(names) < FEWEST and not assessment.refusals:
-        assessment = Assessment((f"{counted(len(names), 'agreeing pose')}; at least {FEWEST} are needed",))
+        assessment = Assessment((f"{plural(len(names), 'agreeing pose')}; at least {FEWEST} are needed",))
     if assessment.refusals:
         return PivotResult(assessment, tuple(rejected), cone_deg)
     tip, point = solve_pivot(turns, moves)
@@ -208,7 +208,7 @@ def calibrate_pivot(poses: Sequence[tuple[str, Pose]]) -> PivotResult:
         (1e3 * rms_m, 1.0, 5.0,
          "the tip misses its point by {value:.2f} mm: did it leave the hole, or the robot still move?"),
         (1e3 * sigma_m, 1.0, 20.0, "the tip is known only to {value:.2f} mm"),
-        (len(names), 8, FEWEST, f"{counted(len(names), 'pose')} used; 10 are good"),
+        (len(names), 8, FEWEST, f"{plural(len(names), 'pose')} used; 10 are good"),
     )  # fmt: skip
     if assessment.refusals:
         return PivotResult(assessment, tuple(rejected), cone_deg)

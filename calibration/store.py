@@ -15,7 +15,7 @@ import yaml
 
 from calibration.verdict import Assessment, Rejected, Verdict
 from drivers import formats
-from drivers.errors import CalibrationError, FormatError, RecordingError, counted
+from drivers.errors import CalibrationError, FormatError, RecordingError, plural
 from drivers.formats import write_whole
 
 SCHEMA = 1
@@ -53,7 +53,7 @@ def age_days(created: str, now: datetime) -> float:
 
 def age_text(days: float) -> str:
     """Return an age as text: in days, or below two days in hours."""
-    return f"{days:.0f} days" if days >= 2 else counted(round(max(days, 0.0) * 24), "hour")
+    return f"{days:.0f} days" if days >= 2 else plural(round(max(days, 0.0) * 24), "hour")
 
 
 def save(file: CalibrationFile, path: Path) -> None:

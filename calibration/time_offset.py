@@ -14,7 +14,7 @@ from scipy.ndimage import median_filter
 from scipy.spatial.transform import Rotation, Slerp
 
 from calibration.verdict import Assessment, limits
-from drivers.errors import CalibrationError, counted
+from drivers.errors import CalibrationError, plural
 from drivers.progress import steps
 
 Array = NDArray[np.floating]
@@ -96,7 +96,7 @@ def make_stream(time_ns: NDArray[np.int64], values: Array, name: str) -> TimedSi
         )
     if len(usable) < FEWEST:
         raise CalibrationError(
-            f"sync: {name}: {counted(len(usable), 'usable sample')}; at least {FEWEST} are needed"
+            f"sync: {name}: {plural(len(usable), 'usable sample')}; at least {FEWEST} are needed"
         )
     longest_s = float(np.diff(times[usable]).max()) / 1e9
     if longest_s > 3600.0:
@@ -161,7 +161,7 @@ def _without_bursts(times: NDArray[np.int64], values: Array, name: str) -> tuple
         return times, 0.0
     if sizes.std() > _UNEVEN * sizes.mean():
         raise CalibrationError(
-            f"sync: {name}: {counted(len(times), 'sample')} share {len(begins)} times, irregularly: "
+            f"sync: {name}: {plural(len(times), 'sample')} share {len(begins)} times, irregularly: "
             "record the time of each sample"
         )
     stamps = sorted_ns[begins]
@@ -217,14 +217,14 @@ def time_offset(
         inside &= (t2 < start) | (t2 > end)
     t2, wanted = t2[inside], second.values[inside]
     if len(t2) < FEWEST:
-        text = f"the streams overlap by {counted(len(t2), 'sample')} (search ±{search_s:g} s): record longer"
+        text = f"the streams overlap by {plural(len(t2), 'sample')} (search ±{search_s:g} s): record longer"
         return TimeOffset(Assessment((text,)), used=len(t2))
     if min(np.ptp(first.values), np.ptp(wanted)) <= 0.0:
         return TimeOffset(Assessment(("nothing moved while this was recorded: wiggle by several degrees",)))
     streams = _Streams(t1, first.values, t2, wanted)
     grid = np.arange(-search_s, search_s + _GRID_S / 2, _GRID_S)
-    costs = np.array([streams.fitted(float(g)).cost for g in steps(grid)])
-    minima = sorted((streams.refined(float(grid[i])) for i in _valleys(costs)), key=lambda m: m.cost)
+    costs = np.array([streams.fit(float(g)).cost for g in steps(grid)])
+    minima = sorted((streams.refine(float(grid[i])) for i in _valleys(costs)), key=lambda m: m.cost)
     # Whether times are rounded up, down or to the nearest is unknown.
     rounding_s = math.hypot(first.resolution_s, second.resolution_s) / math.sqrt(12.0)
     return _result(streams, minima, search_s, worst_ms, rounding_s)
@@ -257,7 +257,7 @@ class _Streams:
     def at(self, offset_s: float, drift: float) -> Array:
         return self.t2 + offset_s + drift * (self.t2 - float(self.t2.mean()))
 
-    def fitted(self, offset_s: float, drift: float = 0.0) -> _Minimum:
+    def fit(self, offset_s: float, drift: float = 0.0) -> _Minimum:
         """Fit gain and level at an offset."""
         seen = np.interp(self.at(offset_s, drift), self.t1, self.signal)
         centred, goal = seen - seen.mean(), self.wanted - self.wanted.mean()
@@ -267,22 +267,22 @@ class _Streams:
         cost = float(rest @ rest)
         return _Minimum(offset_s, drift, cost, gain, float(np.sqrt(cost / max(len(self.t2) - 3, 1))))
 
-    def refined(self, offset_s: float) -> _Minimum:
+    def refine(self, offset_s: float) -> _Minimum:
         """Refine a minimum of the grid by Gauss-Newton; return the grid's if that does not lower the cost."""
         offset, drift = offset_s, 0.0
         for _ in range(_ROUNDS):
-            system, rest = self.linearised(offset, drift)
+            system, rest = self.linearise(offset, drift)
             scale = np.maximum(np.linalg.norm(system, axis=0), 1e-12)
             step = np.linalg.lstsq(system / scale, rest, rcond=None)[0] / scale
             offset, drift = offset + float(step[0]), drift + (float(step[3]) if self.with_drift else 0.0)
             if abs(step[0]) < 1e-9:
                 break
-        found, start = self.fitted(offset, drift), self.fitted(offset_s)
+        found, start = self.fit(offset, drift), self.fit(offset_s)
         return found if found.cost <= start.cost else start
 
-    def linearised(self, offset_s: float, drift: float) -> tuple[Array, Array]:
+    def linearise(self, offset_s: float, drift: float) -> tuple[Array, Array]:
         """Return derivatives by offset, gain, level (and drift), and the (N,) residual at the best fit."""
-        at, gain = self.at(offset_s, drift), self.fitted(offset_s, drift).gain
+        at, gain = self.at(offset_s, drift), self.fit(offset_s, drift).gain
         seen = np.interp(at, self.t1, self.signal)
         half = max(float(np.median(np.diff(self.t1))), _SPEED_S)
         ends = np.interp(at + half, self.t1, self.signal), np.interp(at - half, self.t1, self.signal)
@@ -298,7 +298,7 @@ def _result(
 ) -> TimeOffset:
     """Return the lowest minimum with its sigma and verdict. rounding_s: sigma of the recorded times."""
     best, count = minima[0], len(streams.t2)
-    system, rest = streams.linearised(best.offset_s, best.drift)
+    system, rest = streams.linearise(best.offset_s, best.drift)
     power = float(rest @ rest)
     alike = float(rest[1:] @ rest[:-1]) / power if power > 0.0 else 0.0  # lag-1 autocorrelation
     fewer = np.sqrt((1.0 + alike) / (1.0 - alike)) if 0.0 < alike < 0.999 else 1.0

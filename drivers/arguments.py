@@ -30,45 +30,45 @@ def number(name: str, value: object, low: float, high: float) -> float:
     """Return a number from `low` to `high` of any numeric type as a float."""
     expected = f"a number from {low:g} to {high:g}"
     if not isinstance(value, Real) or isinstance(value, _NO_NUMBERS):
-        raise refused(name, value, expected)
+        raise refusal(name, value, expected)
     try:
         plain = float(value)
     except OverflowError:  # an int with hundreds of digits
         plain = math.inf
     if not low <= plain <= high:
-        raise refused(name, value, expected)
+        raise refusal(name, value, expected)
     return plain
 
 
 def whole(name: str, value: object, low: int, high: int) -> int:
     """Return a whole number from `low` to `high` of any integer type as an int."""
     if not isinstance(value, Integral) or isinstance(value, _NO_NUMBERS) or not low <= int(value) <= high:
-        raise refused(name, value, f"a whole number from {low:.9g} to {high:.9g}")
+        raise refusal(name, value, f"a whole number from {low:.9g} to {high:.9g}")
     return int(value)
 
 
 def flag(name: str, value: object) -> bool:
     if not isinstance(value, bool | np.bool_):
-        raise refused(name, value, "True or False")
+        raise refusal(name, value, "True or False")
     return bool(value)
 
 
 def choice(name: str, value: object, choices: Collection[str]) -> str:
     if not isinstance(value, str) or value not in choices:
-        raise refused(name, value, f"one of {', '.join(choices)}")
+        raise refusal(name, value, f"one of {', '.join(choices)}")
     return str(value)
 
 
 def path(name: str, value: object) -> Path:
     """Return a path; it need not exist."""
     if not isinstance(value, str | PurePath) or not str(value) or not _is_path(str(value)):
-        raise refused(name, value, "the path of a file or folder")
+        raise refusal(name, value, "the path of a file or folder")
     return Path(value)
 
 
 def instance(name: str, value: object, kind: type[T], expected: str) -> T:
     if not isinstance(value, kind):
-        raise refused(name, value, expected)
+        raise refusal(name, value, expected)
     return value
 
 
@@ -79,7 +79,7 @@ def mask(name: str, values: object, size: int) -> NDArray[np.bool_]:
     except (TypeError, ValueError, OverflowError):
         given = np.empty(0)
     if given.dtype != np.bool_ or given.shape != (size,) or np.ma.isMaskedArray(values):
-        raise refused(name, values, f"{size} values True or False")
+        raise refusal(name, values, f"{size} values True or False")
     return given.astype(np.bool_, copy=False)
 
 
@@ -96,7 +96,7 @@ def array(
         if np.ma.isMaskedArray(values):
             given = np.ma.filled(values.astype(np.float64), np.nan)  # type: ignore[attr-defined]
     except (TypeError, ValueError, OverflowError):  # rows of different lengths, or no numbers
-        raise refused(name, values, expected) from None
+        raise refusal(name, values, expected) from None
     if given.dtype.kind not in "iuf":
         raise InputError(f"{name} contains {given.dtype.name} values, not numbers: give {expected}")
     if shape is not None and (
@@ -112,7 +112,7 @@ def array(
     return plain
 
 
-def refused(name: str, value: object, expected: str) -> InputError:
+def refusal(name: str, value: object, expected: str) -> InputError:
     plain = value is None or isinstance(value, str | bytes | float | complex | np.generic)
     if plain or (isinstance(value, int) and abs(value) < 10**SHOWN):
         shown = repr(value)[:SHOWN]

@@ -100,7 +100,7 @@ class Bench:
         return not isinstance(getattr(self, device), MissingDevice)
 
     @contextmanager
-    def connected(self) -> Iterator["Bench"]:
+    def connection(self) -> Iterator["Bench"]:
         """Connect all devices, sensors before actuators; disconnect in reverse order at the end."""
         with ExitStack() as stack:
             for device in (*self.frame_sources, *self.actuators):

@@ -119,7 +119,7 @@ class OperatorStopError(RigError):
     """The operator stopped the run; the rig has been brought to a safe state."""
 
 
-def counted(number: int, noun: str) -> str:
+def plural(number: int, noun: str) -> str:
     """Return a number with its noun, in the plural unless the number is 1: "1 lift", "3 lifts"."""
     return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
 

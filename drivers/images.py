@@ -169,7 +169,7 @@ def check_video_size(capture: cv2.VideoCapture, path: Path) -> None:
 
 def encode_jpeg(image: Image, quality: int = JPEG_QUALITY) -> bytes:
     """Encode (H, W, 3) uint8 RGB as JPEG. Raises `RecordingError`."""
-    return _encoded(".jpg", cv2.cvtColor(image, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, quality])
+    return _encode(".jpg", cv2.cvtColor(image, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, quality])
 
 
 def with_jpeg(frame: Frame) -> Frame:
@@ -186,10 +186,10 @@ def with_jpeg(frame: Frame) -> Frame:
 
 def encode_png(image: Image) -> bytes:
     """Encode (H, W, 3) uint8 RGB, or a mask (H, W) uint8, as PNG. Raises `RecordingError`."""
-    return _encoded(".png", image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_RGB2BGR), [])
+    return _encode(".png", image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_RGB2BGR), [])
 
 
-def _encoded(suffix: str, image: MatLike, options: list[int]) -> bytes:
+def _encode(suffix: str, image: MatLike, options: list[int]) -> bytes:
     failure = RecordingError(f"an image of shape {image.shape} cannot be encoded as {suffix[1:]}")
     try:
         done, data = cv2.imencode(suffix, image, options)

@@ -14,12 +14,12 @@ from drivers.types import ArmLimits, ArmState, Frame, GripperSpec, GripperState,
 class Motion(Protocol):
     """A motion in progress."""
 
-    def done(self) -> bool:
+    def is_done(self) -> bool:
         """Whether the motion has ended. Raises the device's error if the motion failed."""
         ...
 
     def wait(self, timeout_s: float) -> None:
-        """Block until done. Raises `DeviceTimeoutError` after `timeout_s`, and any error of `done`.
+        """Block until done. Raises `DeviceTimeoutError` after `timeout_s`, and any error of `is_done`.
 
         If the wait ends early, also by an interrupt, the motion is stopped.
         """

@@ -96,12 +96,12 @@ class PolledMotion(Motion):
     ) -> None:
         self._device, self._clock, self._ended, self._stop = device, clock, ended, stop
 
-    def done(self) -> bool:
+    def is_done(self) -> bool:
         return self._ended()
 
     def wait(self, timeout_s: float) -> None:
         try:
-            if not wait_until(self._clock, self.done, timeout_s, POLL_S):
+            if not wait_until(self._clock, self.is_done, timeout_s, POLL_S):
                 raise DeviceTimeoutError(
                     f"{self._device}: motion not finished after {timeout_s:.1f} s; stopped it"
                 )

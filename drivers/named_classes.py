@@ -83,7 +83,7 @@ def named_class(name: str, what: str, group: str | None = None) -> type[Any]:
     messages, as "estimator". Modules are also looked up in the folder in which the program was started.
     Raises `InputError` if there is no such class or its import fails.
     """
-    return _imported(name if group is None else _target(name, what, group), what)
+    return _import_class(name if group is None else _target(name, what, group), what)
 
 
 def _target(name: str, what: str, group: str) -> str:
@@ -102,7 +102,7 @@ def _target(name: str, what: str, group: str) -> str:
 
 
 @cache
-def _imported(target: str, what: str) -> type[Any]:
+def _import_class(target: str, what: str) -> type[Any]:
     hint = file_hint(target)
     if not is_class_name(target) or hint:
         hint = hint or "; give package.module:Class, as my_lab.rotation:MyEstimator"

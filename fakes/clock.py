@@ -41,7 +41,7 @@ class SharedClock(SystemClock):
         self.start_ns = start_ns
 
     @classmethod
-    def started(cls, slowness: int = 1) -> "SharedClock":
+    def start(cls, slowness: int = 1) -> "SharedClock":
         return cls(SystemClock(slowness).now_ns(), slowness)
 
     def now_ns(self) -> int:

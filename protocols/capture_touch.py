@@ -182,7 +182,7 @@ def capture_wiggle(
             goal = touch.base_T_grasp.translated(z_m=stroke.height_m)
             limit_s = arm_limit_s(pump.arm, MOTION_TIMEOUT_S)
             motion = bench.arm.move_linear(goal, stroke.speed_m_s, ACCELERATION_M_S2)
-            pump.run_until(motion.done, limit_s, "the arm did not end a stroke")
+            pump.run_until(motion.is_done, limit_s, "the arm did not end a stroke")
         observer.phase(Phase.LOWER, pump.seen_ns)
         lower_and_release(bench, touch.base_T_grasp, touch.width_m, pump)
 

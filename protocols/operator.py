@@ -67,7 +67,7 @@ class Operator(Protocol):
         """
         ...
 
-    def displaced(self, why: str = DISPLACED) -> None:
+    def note_displaced(self, why: str = DISPLACED) -> None:
         """Note that the next object does not lie in its place until a person or a feeder has placed it.
 
         why: the reason, as the next question and a refusal give it.

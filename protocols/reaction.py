@@ -83,7 +83,7 @@ class Reflex:
         reaction = self._reaction
         return reaction is not None and reaction.kind is ReactionKind.LOWER
 
-    def called(self) -> bool:
+    def has_slip(self) -> bool:
         """Whether there is a slip to react to."""
         return self._left > 0 and self._reaction is not None and self._reaction.sense.slip_ns() is not None
 
@@ -96,7 +96,7 @@ class Reflex:
         self._report(ReactionStep.STOP)
         self._bench.arm.stop()
         if rising is not None:
-            self._pump.run_until(rising.done, MOTION_TIMEOUT_S, "the arm did not stop after a slip")
+            self._pump.run_until(rising.is_done, MOTION_TIMEOUT_S, "the arm did not stop after a slip")
         self._report(ReactionStep.STANDS)
         caught = self._tighten() and self._left > 0
         self._report(ReactionStep.REST if caught else ReactionStep.ENDS)

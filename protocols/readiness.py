@@ -59,7 +59,7 @@ def agree_to_carry(bench: Bench, operator: Operator) -> None:
     bench.arm.recover(operator.look)
     hand = check_hand(bench)
     if hand.holding is not Holding.FREE:
-        operator.look(f"{_seen(hand)} The arm will move with it, the fingers stay as they are. Shall it?")
+        operator.look(f"{_describe(hand)} The arm will move with it, the fingers stay as they are. Shall it?")
 
 
 def check_hand(bench: Bench) -> HandState:
@@ -102,14 +102,14 @@ def _free(bench: Bench, operator: Operator, hand: HandState, why: str) -> None:
     question = "Hold any object between the fingers: shall they open now, and the arm rise?"
     if place is not None:
         question = "Shall it be set down where it was taken, the fingers open and the arm rise?"
-    operator.look(f"{why}{_seen(hand)} {question}")
+    operator.look(f"{why}{_describe(hand)} {question}")
     bench.hand.note(hand)
     if place is not None:
         go(bench, place, LOWER_SPEED_M_S)
     _activate(bench, operator)
     opening_mm = 1e3 * move_fingers(bench, bench.gripper.spec.open_m).opening_m
     operator.look(f"The fingers have opened to {opening_mm:.1f} mm. Is the hand empty, and may the arm rise?")
-    operator.displaced("the hand was emptied")
+    operator.note_displaced("the hand was emptied")
     bench.hand.note(replace(hand, holding=Holding.AROUND))
     pose = bench.arm.state().base_T_tcp
     rise_m = bench.base_T_table.position_m[2] + CLEARANCE_M - pose.position_m[2]
@@ -117,7 +117,7 @@ def _free(bench: Bench, operator: Operator, hand: HandState, why: str) -> None:
         go(bench, pose.translated(z_m=rise_m), LOWER_SPEED_M_S)
 
 
-def _seen(hand: HandState) -> str:
+def _describe(hand: HandState) -> str:
     what = hand.what or "something"
     return {
         Holding.FREE: "Nothing is held.",

@@ -29,7 +29,7 @@ class CaptureObserver(LiftObserver, Protocol):
         serial: of the only fingertip that is pressed; None for all.
         """
 
-    def satisfied(self) -> bool:
+    def is_complete(self) -> bool:
         """Whether all requested images have been captured."""
         ...
 
@@ -70,7 +70,7 @@ def record_pose(bench: Bench, plan: PosePlan, observer: CaptureObserver) -> None
             step_fingers(bench, pump, observer, bench.gripper.spec.closer(contact_m, grip_steps))
             observer.want(images, grip_steps)
             missed = f"{images} images with contact were not captured"
-            pump.run_until(observer.satisfied, CAPTURE_TIMEOUT_S, missed)
+            pump.run_until(observer.is_complete, CAPTURE_TIMEOUT_S, missed)
         lower_and_release(bench, plan.base_T_grasp, plan.width_m, pump)
 
 
@@ -119,4 +119,4 @@ def record_pose_by_hand(bench: Bench, operator: Operator, pose: HandPose, observ
         pump.start()
         observer.want(share + (number < rest), serial=tip.sensor.serial)
         missed = f"the images of {tip.sensor.serial} with contact were not captured"
-        pump.run_until(observer.satisfied, HAND_TIMEOUT_S, missed)
+        pump.run_until(observer.is_complete, HAND_TIMEOUT_S, missed)

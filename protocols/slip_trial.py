@@ -89,11 +89,11 @@ def _rise(bench: Bench, pump: Pump, plan: LiftPlan, reflex: Reflex) -> bool:
     while True:
         rising = lift(bench, plan.base_T_grasp, plan.lift_height_m, LIFT_S)
         pump.run_until(
-            lambda motion=rising: reflex.called() or motion.done(),
+            lambda motion=rising: reflex.has_slip() or motion.is_done(),
             limit_s,
             "the arm did not reach the lift height",
         )
-        if not reflex.called():
+        if not reflex.has_slip():
             return True
         if not reflex.react(rising):
             return False
@@ -101,7 +101,7 @@ def _rise(bench: Bench, pump: Pump, plan: LiftPlan, reflex: Reflex) -> bool:
 
 def _hold(pump: Pump, reflex: Reflex) -> None:
     """Hold for HOLD_S; after each reaction, hold for HOLD_S again."""
-    while not pump.run_for(HOLD_S, reflex.called):
+    while not pump.run_for(HOLD_S, reflex.has_slip):
         if not reflex.react() and reflex.sets_down:
             pump.run_for(SEEN_S)
             return

@@ -83,16 +83,16 @@ def move(
     motion = bench.arm.move_linear(target, speed_m_s, acceleration_m_s2)
     if target.position_m[2] >= before.base_T_tcp.position_m[2] - LEVEL_M:
         return motion
-    return guarded(bench, motion, before)
+    return guard(bench, motion, before)
 
 
-def guarded(bench: Bench, motion: Motion, before: ArmState) -> Motion:
+def guard(bench: Bench, motion: Motion, before: ArmState) -> Motion:
     """Return a motion of the arm that stops if the force changes by more than the arm's limit.
 
     An arm without a force sensor (no `max_contact_force_n`) is not stopped at contact; the plan states that.
 
     before: state of the arm when the motion began; its force includes the sensor's offset and the weight of
-    an object in the fingers. `done` stops the arm and raises `ContactForceError`. It raises the error of a
+    an object in the fingers. `is_done` stops the arm and raises `ContactForceError`. It raises the error of a
     lost gripper, unless the hand holds an object: that is set down in any case.
     """
     limit_n = bench.arm.limits.max_contact_force_n
@@ -112,7 +112,7 @@ def guarded(bench: Bench, motion: Motion, before: ArmState) -> Motion:
                 )
         if bench.hand.state.holding is not Holding.HELD:
             bench.gripper.state()
-        return motion.done()
+        return motion.is_done()
 
     return PolledMotion("arm", bench.clock, has_ended, bench.arm.stop)
 
@@ -147,7 +147,7 @@ def _wait(pump: Pump | None, motion: Motion, limit_s: float, mover: str) -> None
     if pump is None:
         motion.wait(limit_s)
     else:
-        pump.run_until(motion.done, limit_s, f"{mover} did not end the motion")
+        pump.run_until(motion.is_done, limit_s, f"{mover} did not end the motion")
 
 
 def move_fingers(bench: Bench, opening_m: float, pump: Pump | None = None) -> GripperState:

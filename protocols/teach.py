@@ -17,7 +17,7 @@ from protocols.slip_trial import REFERENCE_S
 from protocols.steps import (
     MOTION_TIMEOUT_S,
     close_to_contact,
-    guarded,
+    guard,
     move_fingers,
     open_around,
     start_watching,
@@ -86,16 +86,16 @@ def step_by_keys(bench: Bench, operator: Operator, question: str, where: Pose) -
                 return here
             if key in STEPS_M:
                 size = key
-            elif (target := stepped(here, key, size)) is not None:
+            elif (target := step_pose(here, key, size)) is not None:
                 try:
                     before = bench.arm.state()
                     motion = bench.arm.move_linear(target, STEP_SPEED_M_S, STEP_ACCELERATION_M_S2)
-                    guarded(bench, motion, before).wait(MOTION_TIMEOUT_S)
+                    guard(bench, motion, before).wait(MOTION_TIMEOUT_S)
                 except OutOfLimitsError as error:
                     text = f"refused: {error}"
 
 
-def stepped(here: Pose, key: str, size: str) -> Pose | None:
+def step_pose(here: Pose, key: str, size: str) -> Pose | None:
     """Return the target pose of a key; None for a key without a step. size: "1", "2" or "3"."""
     sign = 1.0 if key == key.lower() else -1.0
     if (axis := AXES.get(key.lower())) is not None:

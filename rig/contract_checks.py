@@ -166,9 +166,9 @@ class TestArm:
     def test_a_motion_ends_where_it_was_sent(self, bench: Bench) -> None:
         target = bench.arm.state().base_T_tcp.translated(x_m=0.05, z_m=-0.1)
         motion = bench.arm.move_linear(target, 0.2, 1.0)
-        assert not motion.done()
+        assert not motion.is_done()
         motion.wait(10.0)
-        assert motion.done()
+        assert motion.is_done()
         assert np.allclose(bench.arm.state().base_T_tcp.position_m, target.position_m, atol=2e-4)
 
     def test_state_is_fresh_and_running(self, bench: Bench) -> None:
@@ -194,7 +194,7 @@ class TestArm:
         bench.arm.stop()
         there_m = height_m(bench)
         pause(bench, 0.5)
-        assert motion.done()
+        assert motion.is_done()
         assert start_m - 0.19 < there_m < start_m - 0.01
         assert height_m(bench) == pytest.approx(there_m, abs=0.01)
 
@@ -409,7 +409,7 @@ class TestEstimator:
     ) -> None:
         estimator = make_estimator(gel(*size))
         for i, share in enumerate((0.0, 0.3, 0.6, 0.6, 1.0, 1.0, 0.0)):
-            frame = touched(*size, share, i) if share else gel(*size, i + 1)
+            frame = touched_gel(*size, share, i) if share else gel(*size, i + 1)
             sample = estimator.update(frame, i * STEP_NS)
             require_possible(sample, frame)
             assert sample.time_ns == i * STEP_NS
@@ -429,7 +429,7 @@ class TestEstimator:
         estimator.update(gel(240, 320, 1), 0)
         with pytest.raises(InputError, match="use one size"):
             estimator.update(gel(120, 160), STEP_NS)
-        frame = touched(240, 320, 0.5, 2)
+        frame = touched_gel(240, 320, 0.5, 2)
         require_possible(estimator.update(frame, 2 * STEP_NS), frame)
 
     def test_arm_state_is_accepted(self, make_estimator: MakeEstimator) -> None:
@@ -463,7 +463,7 @@ def gel(height: int, width: int, seed: int = 0) -> Image:
     return np.clip(light + np.random.default_rng(seed).normal(0, 1.5, light.shape), 0, 255).astype(np.uint8)
 
 
-def touched(height: int, width: int, share: float, seed: int) -> Image:
+def touched_gel(height: int, width: int, share: float, seed: int) -> Image:
     """Return the gel under a block with a rough surface that covers a share of each side."""
     frame = gel(height, width, seed)
     rows, columns = (slice(0, max(1, round(side * share))) for side in (height, width))

@@ -32,7 +32,7 @@ def with_options(command: Callable[..., Any]) -> Callable[..., Any]:
         else:
             flat.append(parameter.replace(annotation=kind, kind=Parameter.KEYWORD_ONLY))
 
-    def called(**values: Any) -> Any:
+    def call(**values: Any) -> Any:
         given: dict[str, Any] = {}
         for name, make in declared.items():
             if is_dataclass(hints[name]):
@@ -41,9 +41,9 @@ def with_options(command: Callable[..., Any]) -> Callable[..., Any]:
                 given[name] = values[name]
         return command(**given)
 
-    set_signature(called, flat)
-    called.__name__, called.__doc__ = command.__name__, command.__doc__
-    return called
+    set_signature(call, flat)
+    call.__name__, call.__doc__ = command.__name__, command.__doc__
+    return call
 
 
 def option(
@@ -73,7 +73,7 @@ def argument(default: Any, text: str, **settings: Any) -> Any:
     return _field(default, {"typer": [typer.Argument, (), {"help": text, **settings}]})
 
 
-def resumed(options: Options, manifest: Any, context: typer.Context) -> Options:
+def resume_options(options: Options, manifest: Any, context: typer.Context) -> Options:
     """Return the options of a resumed session: given ones from the command line, all others as stored."""
     of: Any = options
     stored = {

@@ -24,11 +24,11 @@ from rig.lift.object_angle import ZERO_S
 from rig.lift.recording import recorded_truth
 from rig.sessions.manifest import TrialManifest, read_manifest_of
 from rig.sessions.reading import phase_times, recorded_arm_states, recorded_frames
-from rig.sessions.records import finished
+from rig.sessions.records import accepted_lifts
 from rig.sessions.rows import read_lifts
 from rig.tactile.estimators import choose_estimator
 from rig.tactile.peers.learned import WrenchSteps
-from rig.training.examples import sized
+from rig.training.examples import resize
 
 SIGHT_HZ = 10.0
 """Rate of the training frames: consecutive frames are nearly identical."""
@@ -125,7 +125,7 @@ class LearntLift:
                     continue
                 turned = self.turn(frame.time_ns) if frame.time_ns >= lift_ns else 0.0
                 if turned is not None:
-                    yield self.object_id, sized(frame.image, size), sign * (turned - hand)
+                    yield self.object_id, resize(frame.image, size), sign * (turned - hand)
 
 
 def stored_lifts(folders: Sequence[Path]) -> list[LearntLift]:
@@ -134,7 +134,7 @@ def stored_lifts(folders: Sequence[Path]) -> list[LearntLift]:
     for folder in folders:
         why = "angles are learnt from lifts, so give sessions of rig trial"
         manifest = read_manifest_of(folder, TrialManifest, why)
-        for row in finished(read_lifts(folder)):
+        for row in accepted_lifts(read_lifts(folder)):
             path = folder / row.recording
             phases, turn = phase_times(path), recorded_truth(path).at_ns
             states, frames = partial(recorded_arm_states, path), partial(_thin, path)
@@ -169,7 +169,7 @@ def simulated_lifts(
         plan = plan_lift(settings, task, made.bench.base_T_table)
         seen = _Seen(made)
         try:
-            with made.bench.connected():
+            with made.bench.connection():
                 made.bench.gripper.activate()
                 made.place(plan.object_id)
                 run_lift(made.bench, plan, seen)

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from drivers.clock import to_ns
 from drivers.types import Image
 from fakes.gel.sensor import GelSensor, Imprint
-from fakes.gel.variation import Look, Variation, coded, draw_codec, draw_variation
+from fakes.gel.variation import Look, Variation, apply_codec, draw_codec, draw_variation
 from fakes.objects.shapes import ContactShape, Pad
 from fakes.objects.surfaces import (
     TEXTURES,
@@ -169,7 +169,7 @@ def _frame(unit: GelSensor, background: Image, imprint: Imprint, rng: np.random.
     time_s = float(rng.uniform(0.0, _LASTS_S))
     image = unit.render(imprint, time_s, rng)
     if rng.random() < _CODED:
-        image = coded(image, to_ns(time_s), draw_codec(rng))
+        image = apply_codec(image, to_ns(time_s), draw_codec(rng))
     after = replace(imprint, angle_deg=imprint.angle_deg + TURN_DEG)
     (across, down), (x_mm, y_mm) = unit.mm_per_px, imprint.centre_mm
     height, width = image.shape[:2]
@@ -238,10 +238,10 @@ def example_of(shown: TurningFrame) -> tuple[Field, Field, Field]:
     size = (FINENESS * work[0], FINENESS * work[1])
     light = RelativeDifference(shown.background, size)
     marks = GelMarks(found_marks(shown.background, size), size)
-    difference = marks.mended(light.of(light.reduced(shown.image)))
+    difference = marks.fill(light.of(light.reduce(shown.image)))
     around = cv2.resize(shown.background.astype(np.float32), size, interpolation=cv2.INTER_AREA) + DARK_OFFSET
     before, after = (
-        structure_of(marks.mended(np.asarray(cv2.resize(change, size) / around, np.float32)))
+        structure_of(marks.fill(np.asarray(cv2.resize(change, size) / around, np.float32)))
         for change in (shown.before, shown.after)
     )
     height, width = shown.image.shape[:2]

@@ -10,7 +10,7 @@ import numpy as np
 from calibration.camera.model import LEAST_FOCAL, Array, CameraModel, CameraUncertainty
 from calibration.store import CalibrationFile, check_serials, load, read_yaml, why_damaged
 from drivers.errors import CalibrationError
-from drivers.formats import reason, shown
+from drivers.formats import quote, reason
 
 _LENSES = ("plumb_bob", "rational_polynomial")
 """ROS's names of the pinhole lens with OpenCV's terms."""
@@ -45,14 +45,14 @@ def read_camera(path: Path, serial: str | None = None) -> CameraModel:
         return calibrated(load(path, "camera", None if serial is None else {"camera": serial}), str(path))
     if serial is not None and content.get("camera_name") not in (None, serial):
         check_serials(path, {"camera": str(content["camera_name"])}, {"camera": serial})
-    return replace(camera_from(content, str(path)), uncertainty=unstated(path.name))
+    return replace(camera_from(content, str(path)), uncertainty=unknown_uncertainty(path.name))
 
 
-def calibrated(file: CalibrationFile, where: str) -> CameraModel:
+def camera_of(file: CalibrationFile, where: str) -> CameraModel:
     """Return a calibration's camera with its uncertainty. Raises `CalibrationError` if it is damaged."""
     quality = file.quality
     if "covariance" not in quality:
-        return replace(camera_from(file.value, where), uncertainty=unstated(where))
+        return replace(camera_from(file.value, where), uncertainty=unknown_uncertainty(where))
     try:
         terms = tuple(TERMS.index(name) for name in quality["terms"])
         covariance = np.asarray(quality["covariance"], np.float64).reshape(len(terms), len(terms))
@@ -64,7 +64,7 @@ def calibrated(file: CalibrationFile, where: str) -> CameraModel:
     return replace(camera_from(file.value, where), uncertainty=known)
 
 
-def unstated(where: str) -> CameraUncertainty:
+def unknown_uncertainty(where: str) -> CameraUncertainty:
     """Return the uncertainty of a camera whose file states none."""
     return CameraUncertainty(doubts=(f"{where} states no uncertainty: rig calibrate camera measures it",))
 
@@ -116,7 +116,7 @@ def _supported_terms(content: Mapping[str, Any], distortion: Array, where: str) 
         lens = "fisheye (fisheye_model is set)"
     if lens not in _LENSES or len(used) > _MOST_TERMS:
         raise CalibrationError(
-            f"{where}: lens model {shown(lens)} with {len(distortion)} terms is not supported: calibrate the "
+            f"{where}: lens model {quote(lens)} with {len(distortion)} terms is not supported: calibrate the "
             f"camera as a pinhole (plumb_bob or rational_polynomial, zeros after term {_MOST_TERMS})"
         )
     return used

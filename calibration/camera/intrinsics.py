@@ -19,7 +19,7 @@ from scipy.spatial.transform import Rotation
 from calibration.camera.model import LENS_MODELS, CameraModel, LensModel
 from calibration.targets.boards import View, coverage, outside, usable_views
 from calibration.verdict import Assessment, Rejected, limits
-from drivers.errors import CalibrationError, counted
+from drivers.errors import CalibrationError, plural
 from drivers.progress import steps
 from drivers.types import Pose
 
@@ -149,7 +149,7 @@ def held_out_error(views: Sequence[View], lens: LensModel, folds: int = 5) -> fl
             camera = fit_camera(seen, lens).camera
         except CalibrationError:
             return float("inf")
-        squares += [_missed(camera, view) for i, view in enumerate(views) if i % folds == fold]
+        squares += [_squared_distances(camera, view) for i, view in enumerate(views) if i % folds == fold]
     return float(np.sqrt(np.concatenate(squares).mean()))
 
 
@@ -194,7 +194,7 @@ def neighbour_correlation(fit: Fit) -> float:
     return together / max(alone, 1e-12)
 
 
-def _missed(camera: CameraModel, view: View) -> Array:
+def _squared_distances(camera: CameraModel, view: View) -> Array:
     """Return the squared distances (N,), px^2, of a view's corners from their best projection."""
     ok, turn, move = cv2.solvePnP(view.board_m, view.image_px, camera.matrix, camera.distortion)
     if not ok:
@@ -239,7 +239,7 @@ def board_tilts_deg(result: CameraFit) -> tuple[float, float]:
     return float(spread), float(np.degrees(tilts).max())
 
 
-def covered(result: CameraFit) -> float:
+def covered_share(result: CameraFit) -> float:
     return float((coverage(result.fit.views) > 0).mean())
 
 
@@ -267,10 +267,10 @@ def camera_difference_px(one: CameraModel, other: CameraModel) -> Array:
     points = one.grid_px(*_GRID)
     rays = one.rays(points)
 
-    def missed(turn: Array) -> Array:
+    def residuals(turn: Array) -> Array:
         return (other.project(Rotation.from_rotvec(turn).apply(rays)) - points).reshape(-1)
 
-    best = least_squares(missed, np.zeros(3), method="lm", x_scale="jac")
+    best = least_squares(residuals, np.zeros(3), method="lm", x_scale="jac")
     return np.asarray(best.fun, np.float64).reshape(*_GRID[::-1], 2)
 
 
@@ -301,9 +301,9 @@ def assess_camera(result: CameraFit) -> Assessment:
         (float(projection_sigma_px(result).max()), 0.5, np.inf,
          "projection is uncertain by up to {value:.2f} px in the picture: add nearer views, tilted by 30 "
          "degrees, over its corners"),
-        (covered(result), 0.6, 0.0,
+        (covered_share(result), 0.6, 0.0,
          "corners cover {value:.0%} of the picture; the lens is extrapolated elsewhere: add views there"),
-        (views, 10, 3, f"{counted(views, 'distinct view')}; ten to twenty are good"),
+        (views, 10, 3, f"{plural(views, 'distinct view')}; ten to twenty are good"),
         (result.noise_px, 1.0, 5.0, "corners are found only to {value:.2f} px: is the board in focus?"),
     )  # fmt: skip
 

@@ -110,7 +110,7 @@ class CameraModel:
         padded = np.pad(np.asarray(jacobian[:, :18], np.float64), ((0, 0), (0, missing)))
         return np.asarray(seen, np.float64).reshape(-1, 2), padded
 
-    def undistorted(self, points_px: Array) -> Array:
+    def undistort(self, points_px: Array) -> Array:
         """Map (..., 2) px to the position in a camera of the same matrix without distortion, px."""
         flat = np.ascontiguousarray(points_px.reshape(-1, 1, 2), dtype=np.float64)
         ideal = cv2.undistortPoints(flat, self.matrix, self.distortion, P=self.matrix)

@@ -24,7 +24,7 @@ from scipy.optimize import minimize_scalar
 from calibration.gel.gradient_map import GradientMap, colour_change, fit_gradient_map
 from calibration.gel.reference import check_light
 from calibration.verdict import Assessment, Rejected, limits, sift
-from drivers.errors import CalibrationError, counted
+from drivers.errors import CalibrationError, plural
 from drivers.types import Image
 
 Array = NDArray[np.floating]
@@ -183,7 +183,7 @@ class BallFit:
         errors = self.radius_error()
         spread = np.array([abs(self.held_out_mm[i] / true - 1.0) for i, true in self.true_mm.items()])
         worst = max(abs(e) for e in errors.values())
-        tenth, few = float(np.percentile(spread, 90)), counted(len(self.true_mm), "picture")
+        tenth, few = float(np.percentile(spread, 90)), plural(len(self.true_mm), "picture")
         assessment = limits(
             (100 * worst, 5.0, 25.0,
              "balls left out come out {value:.0f} % wrong in radius (median per ball)"),
@@ -216,11 +216,11 @@ def calibrate_gel(presses: Sequence[Press], mm_per_px: tuple[float, float], fold
     if len(good) < FEWEST_PRESSES:
         why = "; ".join(f"{r.id}: {r.reason}" for r in rejected[:5])
         raise CalibrationError(
-            f"gel: {counted(len(good), 'usable picture')} of presses, {FEWEST_PRESSES} are the least ({why})"
+            f"gel: {plural(len(good), 'usable picture')} of presses, {FEWEST_PRESSES} are the least ({why})"
         )
     for _ in range(_ROUNDS):
         fitted = _fit_to(good, mm_per_px)
-        good = [_centred(press, fitted, mm_per_px) for press in good]
+        good = [_centre(press, fitted, mm_per_px) for press in good]
     held_out: dict[str, float] = {}
     errors, nulls = [], []
     folds = min(folds, len(good))
@@ -231,7 +231,7 @@ def calibrate_gel(presses: Sequence[Press], mm_per_px: tuple[float, float], fold
             change, places, truth = _samples(press, mm_per_px)
             errors.append(_rms(fitted.normals(change, places) - truth))
             # far from the contact the normal's components should be zero
-            change, places = _untouched(press)
+            change, places = _flat_pixels(press)
             nulls.append(_rms(fitted.normals(change, places)) if len(places) else 0.0)
     return BallFit(
         _fit_to(good, mm_per_px),
@@ -251,7 +251,7 @@ def _rms(values: ArrayLike) -> float:
 def _fit_to(presses: Sequence[Press], mm_per_px: tuple[float, float]) -> GradientMap:
     rows, columns = presses[0].strength.shape
     change, places, normals = zip(*(_samples(press, mm_per_px) for press in presses), strict=True)
-    still, away = zip(*(_untouched(press) for press in presses), strict=True)
+    still, away = zip(*(_flat_pixels(press) for press in presses), strict=True)
     change, places = [*change, *still], [*places, *away]
     normals = [*normals, np.zeros((sum(map(len, away)), 2))]
     return fit_gradient_map(np.vstack(change), np.vstack(places), np.vstack(normals), (rows, columns))
@@ -283,7 +283,7 @@ def _samples(press: Press, mm_per_px: tuple[float, float]) -> tuple[Array, Array
     return change, places, (places - press.centre_px) * mm_per_px / press.radius_mm
 
 
-def _centred(press: Press, fitted: GradientMap, mm_per_px: tuple[float, float]) -> Press:
+def _centre(press: Press, fitted: GradientMap, mm_per_px: tuple[float, float]) -> Press:
     """Return a press centred where its normals, times R, point back to."""
     change, places = core_pixels(press)
     back = places - fitted.normals(change, places) * press.radius_mm / np.asarray(mm_per_px)
@@ -291,7 +291,7 @@ def _centred(press: Press, fitted: GradientMap, mm_per_px: tuple[float, float]) 
     return replace(press, centre_px=(x, y), rim_px=rim_radius(press.strength, (x, y), press.reach_px))
 
 
-def _untouched(press: Press) -> tuple[Array, Array]:
+def _flat_pixels(press: Press) -> tuple[Array, Array]:
     """(N, 3) colour changes and (N, 2) px far from the contact, where the slope is zero."""
     x, y = _pixels(press.strength.shape, 8 * _THIN)
     far = np.hypot(x - press.centre_px[0], y - press.centre_px[1]) > 2.5 * press.reach_px

@@ -130,7 +130,7 @@ class GelLook:
         ]
         return replace(self, background=background, mm_per_px=(scale[0], scale[1]))
 
-    def packed(self) -> bytes:
+    def pack(self) -> bytes:
         facts = {
             "schema": SCHEMA, "place_degree": self.place_degree, "by_background": self.by_background,
             "shadows": self.shadows, "mm_per_px": self.mm_per_px,

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from calibration.gel.look import DOME_MM, HALF, SLOPE_TERMS, GelLook, membrane, shadow_terms, slope_terms
 from calibration.gel.noise import CameraNoise, measure_noise
-from drivers.errors import CalibrationError, counted
+from drivers.errors import CalibrationError, plural
 from drivers.types import Image
 
 Array = NDArray[np.floating]
@@ -157,7 +157,7 @@ def fit_look(
     untouched parts of the presses. Raises `CalibrationError` for fewer than eight presses.
     """
     if len(presses) < FEWEST:
-        raise CalibrationError(f"gel: {counted(len(presses), 'usable picture')}, {FEWEST} are needed")
+        raise CalibrationError(f"gel: {plural(len(presses), 'usable picture')}, {FEWEST} are needed")
     mean, noise = background_and_noise(presses, background, untouched)
     largest = GelLook(mean, np.zeros((0, 3)), *_MODELS[-1], mm_per_px, noise, jpeg_quality(background))
     adjusted = list(presses)

@@ -44,7 +44,7 @@ class CameraNoise:
         return np.sqrt(np.diagonal(self.colours))
 
     @classmethod
-    def uncorrelated(cls, colours: Array) -> "CameraNoise":
+    def independent(cls, colours: Array) -> "CameraNoise":
         """Return noise that is independent between pixels. colours: (3, 3), see `colours`."""
         covariance = np.zeros((2 * _REACH + 1, 2 * _REACH + 1, _VALUES, _VALUES))
         covariance[_REACH, _REACH] = np.kron(np.eye(_VALUES // 3), colours)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.verdict import Assessment, limits
-from drivers.errors import CalibrationError, counted
+from drivers.errors import CalibrationError, plural
 from drivers.types import Image
 
 Array = NDArray[np.floating]
@@ -56,7 +56,7 @@ def make_reference(frames: Sequence[Image]) -> Reference:
     """
     if len(frames) < FEWEST_FRAMES:
         raise CalibrationError(
-            f"tactile reference: {counted(len(frames), 'frame')}; at least {FEWEST_FRAMES} are needed"
+            f"tactile reference: {plural(len(frames), 'frame')}; at least {FEWEST_FRAMES} are needed"
         )
     check_light(frames[0], "tactile reference")
     if any(frame.shape != frames[0].shape or frame.dtype != np.uint8 for frame in frames):

@@ -19,17 +19,17 @@ from scipy.spatial.transform import Rotation
 from calibration.hand_eye.refine import (
     CLOSED_FORMS,
     Transforms,
+    apply_step,
     assess_motion,
     cross_matrices,
     larger_of,
     motions,
-    moved,
     observability,
 )
 from calibration.hand_eye.solve import FEWEST_SAMPLES, MOST_REJECTED, HandEyeResult, Setup, pose_arrays
 from calibration.poses import REACH_M, pose_fault, repeated_pose
 from calibration.verdict import Assessment, Rejected, limits, sift
-from drivers.errors import counted
+from drivers.errors import plural
 from drivers.types import Pose
 
 Array = NDArray[np.floating]
@@ -102,7 +102,7 @@ def pair_residuals(pairs: PosePairs, at: Transforms) -> tuple[Array, Array]:
     """Return residuals (N, 6) and their derivatives (N, 6, 12).
 
     A residual is the rotation (rad) and displacement (m) from the measured to the predicted target, in camera
-    axes. Columns as in `refine.linearised`: rotation and translation of X, then of Z.
+    axes. Columns as in `refine.linearise`: rotation and translation of X, then of Z.
     """
     to_camera = at.x_R.T @ pairs.a_R
     predicted_R = to_camera @ at.z_R  # noqa: N806
@@ -206,18 +206,18 @@ def calibrate_pose_pairs(samples: Sequence[PoseSample], setup: Setup) -> HandEye
     samples: in order of time, because neighbouring samples of a stream share errors, which is detected.
     """
     usable, rejected = sift(samples, lambda s: s.id, _fault)
-    chosen = [usable[i] for i in _spaced(len(usable), _MOST_PAIRS)]
+    chosen = [usable[i] for i in _spread_indices(len(usable), _MOST_PAIRS)]
     good, repeated = sift(
         chosen, lambda s: s.id,
         lambda s, kept: repeated_pose(s.base_T_tcp, ((other.id, other.base_T_tcp) for other in kept)),
     )  # fmt: skip
     rejected += repeated
     if len(good) < FEWEST_SAMPLES:
-        text = f"{counted(len(good), 'usable pair')}; at least {FEWEST_SAMPLES} are needed, 15 are good"
+        text = f"{plural(len(good), 'usable pair')}; at least {FEWEST_SAMPLES} are needed, 15 are good"
         return HandEyeResult(setup, Assessment((text,)), tuple(rejected))
     robot, seen = setup.arrays([s.base_T_tcp for s in good]), pose_arrays([s.camera_T_target for s in good])
     pairs = PosePairs(tuple(s.id for s in good), *robot, *seen, setup)
-    motion = observability(pairs.subset(_spaced(len(pairs.ids), _FOR_STARTS)).a_R)
+    motion = observability(pairs.subset(_spread_indices(len(pairs.ids), _FOR_STARTS)).a_R)
     gate = assess_motion(motion)
     if gate.refusals:
         return HandEyeResult(setup, gate, tuple(rejected), motion)
@@ -244,8 +244,8 @@ def calibrate_pose_pairs(samples: Sequence[PoseSample], setup: Setup) -> HandEye
     assessment = limits(
         (mm, 2.0, 50.0, "position known to {value:.1f} mm only: " + hint),
         (deg, 0.2, 5.0, "orientation known to {value:.2f} degrees only: " + hint),
-        (blocks, 10, FEWEST_SAMPLES, f"{counted(blocks, 'pair')} used; 15 are good"),
-        (len(out), 0.15 * count, np.inf, f"{counted(len(out), 'pair')} left out; see why"),
+        (blocks, 10, FEWEST_SAMPLES, f"{plural(blocks, 'pair')} used; 15 are good"),
+        (len(out), 0.15 * count, np.inf, f"{plural(len(out), 'pair')} left out; see why"),
         (alike, 0.3, np.inf,
          "errors of neighbouring pairs are correlated ({value:.2f}; noise: 0), which raises sigma: does the "
          "robot's model, the clock or the detector's scale drift?",
@@ -260,7 +260,7 @@ def calibrate_pose_pairs(samples: Sequence[PoseSample], setup: Setup) -> HandEye
     )  # fmt: skip
 
 
-def _spaced(count: int, most: int) -> NDArray[np.int64]:
+def _spread_indices(count: int, most: int) -> NDArray[np.int64]:
     """Return at most `most` indices of `count`, evenly spaced."""
     return np.linspace(0, count - 1, min(count, most)).astype(np.int64)
 
@@ -269,7 +269,7 @@ def _wrong_size(pairs: PosePairs, at: Transforms, sigmas: Array) -> str | None:
     """Return that the distances fit another target size, if that explains the data much better; or None."""
     # distances are too long by a factor, in which the problem of motions between all pairs is linear, as in
     # X's position, after X's rotation is known (Andreff et al. 2001)
-    some = pairs.subset(_spaced(len(pairs.ids), _FOR_STARTS))
+    some = pairs.subset(_spread_indices(len(pairs.ids), _FOR_STARTS))
     turns, moves = motions(some.a_R, some.a_t)
     _, seen = motions(some.b_R, some.b_t)
     system = np.concatenate([turns - np.eye(3), -(seen @ at.x_R.T)[..., None]], axis=2).reshape(-1, 4)
@@ -300,7 +300,7 @@ def _fit(pairs: PosePairs, at: Transforms, sigmas: Array, rounds: int = _ROUNDS)
         now = _at(pairs, at, sigmas)
         step = now.step()
         size = float(np.abs(step).max())
-        at = moved(at, step * min(1.0, 0.5 / max(size, 1e-12)))
+        at = apply_step(at, step * min(1.0, 0.5 / max(size, 1e-12)))
         if size < 1e-9:
             break
     return _at(pairs, at, sigmas)
@@ -314,7 +314,7 @@ def _at(pairs: PosePairs, at: Transforms, sigmas: Array) -> _Fit:
 
 def _best_start(pairs: PosePairs) -> Transforms:
     """Return the best of closed forms over all pairs and random subsets (fixed seed), fitted robustly."""
-    some = pairs.subset(_spaced(len(pairs.ids), _FOR_STARTS))
+    some = pairs.subset(_spread_indices(len(pairs.ids), _FOR_STARTS))
     everyone, rng = np.arange(len(some.ids)), np.random.default_rng(0)
     tries = [(name, everyone) for name in CLOSED_FORMS]
     if len(everyone) > _DRAWN:

@@ -247,12 +247,12 @@ def refine(problem: Problem, start: Transforms, soft_px: float | None = None) ->
     that m and rad have similar weight. Stops when the cost has converged, after 60 rounds at the latest.
     """
     now, damping = start, 1e-4
-    missed, jacobian = linearised(problem, now)
+    missed, jacobian = linearise(problem, now)
     cost, weights = _loss(missed, soft_px)
     for _ in range(_ROUNDS):
         step = _step(jacobian, missed, weights, damping)
-        candidate = moved(now, step)
-        new_missed, new_jacobian = linearised(problem, candidate)
+        candidate = apply_step(now, step)
+        new_missed, new_jacobian = linearise(problem, candidate)
         new_cost, new_weights = _loss(new_missed, soft_px)
         if new_cost <= cost:
             done = cost - new_cost <= _STILL * cost
@@ -267,7 +267,7 @@ def refine(problem: Problem, start: Transforms, soft_px: float | None = None) ->
     return Refined(now, missed, cost)
 
 
-def linearised(problem: Problem, at: Transforms) -> tuple[Array, Array]:
+def linearise(problem: Problem, at: Transforms) -> tuple[Array, Array]:
     """Return the residuals (M, 2) of the prediction, px, and their derivatives (M, 2, 12).
 
     Columns: rotation of X (about its own axes), translation of X (base or tcp axes), then of Z likewise.
@@ -292,7 +292,7 @@ def linearised(problem: Problem, at: Transforms) -> tuple[Array, Array]:
     return missed, scale * (by_pose[:, :2] - flat[..., None] * by_pose[:, 2:])
 
 
-def moved(at: Transforms, step: Array) -> Transforms:
+def apply_step(at: Transforms, step: Array) -> Transforms:
     turns = Rotation.from_rotvec(step.reshape(4, 3)[[0, 2]]).as_matrix()
     return Transforms(at.x_R @ turns[0], at.x_t + step[3:6], at.z_R @ turns[1], at.z_t + step[9:])
 
@@ -338,12 +338,12 @@ def uncertainty(problem: Problem, answer: Refined) -> tuple[Array, Array, Array]
         others = problem.subset(np.delete(np.arange(count), i))
         without = refine(others, answer.transforms).transforms
         changes[i] = _change(answer.transforms, without)
-        missed, _ = linearised(problem.subset(np.array([i])), without)
+        missed, _ = linearise(problem.subset(np.array([i])), without)
         held_out[i] = np.sqrt((missed**2).sum(axis=1).mean())
     jackknife = (count - 1) / count * changes.T @ changes
     by_camera = []
     for camera in problem.camera.off_by_one_sigma():
-        seen = replace(problem, pixels=camera.undistorted(problem.seen_px), camera=camera)
+        seen = replace(problem, pixels=camera.undistort(problem.seen_px), camera=camera)
         by_camera.append(_change(answer.transforms, refine(seen, answer.transforms).transforms))
     stacked = np.array(by_camera).reshape(-1, 6)
     from_camera = stacked.T @ stacked
@@ -364,7 +364,7 @@ def _fit_covariance(problem: Problem, at: Transforms) -> Array:
     picture could explain, because a wrong robot pose causes such residuals, and all points of a picture share
     it.
     """
-    missed, jacobian = linearised(problem, at)
+    missed, jacobian = linearise(problem, at)
     rows, count = jacobian.reshape(-1, 12), len(problem.ids)
     scale = np.linalg.norm(rows, axis=0)
     _, strengths, directions = np.linalg.svd(rows / scale, full_matrices=False)

@@ -17,7 +17,7 @@ from calibration.hand_eye.refine import (
     Refined,
     Transforms,
     assess_motion,
-    linearised,
+    linearise,
     nearest_rotation,
     observability,
     refine,
@@ -26,7 +26,7 @@ from calibration.hand_eye.refine import (
 from calibration.poses import REACH_M, pose_fault, repeated_pose
 from calibration.targets.boards import View, on_one_line, outside, view_fault
 from calibration.verdict import Assessment, Rejected, limits, rests_on, sift
-from drivers.errors import CalibrationError, counted
+from drivers.errors import CalibrationError, plural
 from drivers.types import Pose
 
 Array = NDArray[np.floating]
@@ -108,7 +108,7 @@ def calibrate_hand_eye(samples: Sequence[HandEyeSample], camera: CameraModel, se
     good, rejected = sift(samples, lambda s: s.id, lambda s, kept: _fault(s, camera, kept))
     if len(good) < FEWEST_SAMPLES:
         why = "; ".join(f"{r.id}: {r.reason}" for r in rejected[:5])
-        text = f"{counted(len(good), 'usable sample')}; at least {FEWEST_SAMPLES} are needed, 15 are good"
+        text = f"{plural(len(good), 'usable sample')}; at least {FEWEST_SAMPLES} are needed, 15 are good"
         return HandEyeResult(setup, Assessment((text + (f" ({why})" if why else ""),)), tuple(rejected))
     problem = make_problem(good, camera, setup)
     motion = observability(problem.a_R)
@@ -159,8 +159,8 @@ def _assess(final: Refined, covariance: Array, from_camera: Array, samples: int,
          "residual of the samples {value:.2f} px: is the target rigidly mounted, the robot at rest?"),
         (mm, 1.0, 50.0, "position known only to {value:.2f} mm" + more),
         (deg, 0.1, 5.0, "orientation known only to {value:.3f} degrees" + larger),
-        (samples, _GOOD_SAMPLES, FEWEST_SAMPLES, f"{counted(samples, 'sample')} used; 15 are good"),
-        (rejected, 0.15 * (samples + rejected), np.inf, f"{counted(rejected, 'sample')} left out; see why"),
+        (samples, _GOOD_SAMPLES, FEWEST_SAMPLES, f"{plural(samples, 'sample')} used; 15 are good"),
+        (rejected, 0.15 * (samples + rejected), np.inf, f"{plural(rejected, 'sample')} left out; see why"),
     )  # fmt: skip
 
 
@@ -178,7 +178,7 @@ def _robust_start(problem: Problem) -> Refined:
     best: Refined | None = None
     for number, subset in enumerate(subsets):
         for name in CLOSED_FORMS if number == 0 else ("shah",):
-            found = refine(problem, _closed(name, problem, subset, turns, moves), _SOFT_PX)
+            found = refine(problem, _solve_closed_form(name, problem, subset, turns, moves), _SOFT_PX)
             t = found.transforms
             finite = np.isfinite(found.cost) and np.isfinite(t.x_t).all() and np.isfinite(t.x_R).all()
             if finite and (best is None or found.cost < best.cost * (1 - 1e-6)):
@@ -206,7 +206,9 @@ def _contradiction(problem: Problem, found: Refined) -> str:
     return f"{seen}: check the pairing, the pose convention, and that target and robot are at rest"
 
 
-def _closed(name: str, problem: Problem, subset: NDArray[np.int64], turns: Array, moves: Array) -> Transforms:
+def _solve_closed_form(
+    name: str, problem: Problem, subset: NDArray[np.int64], turns: Array, moves: Array
+) -> Transforms:
     """Return a closed form, recomputed with each target pose chosen to agree with it."""
     rows = np.arange(len(subset))
     choice = np.zeros(len(subset), np.int64)
@@ -274,7 +276,7 @@ def next_pose(
 
 def _information(problem: Problem, at: Transforms) -> Array:
     """Return the information matrix (12, 12) of X and Z: J^T J, in px^-2."""
-    _, jacobian = linearised(problem, at)
+    _, jacobian = linearise(problem, at)
     rows = jacobian.reshape(-1, 12)
     return rows.T @ rows
 
@@ -293,7 +295,7 @@ def make_problem(samples: Sequence[HandEyeSample], camera: CameraModel, setup: S
         a_t=a_t,
         points_m=np.vstack([s.view.board_m for s in samples]),
         seen_px=seen,
-        pixels=camera.undistorted(seen),
+        pixels=camera.undistort(seen),
         owner=np.repeat(np.arange(len(samples)), [len(s.view.ids) for s in samples]),
         camera=camera,
     )
@@ -332,7 +334,7 @@ def _fault(sample: HandEyeSample, camera: CameraModel, others: list[HandEyeSampl
     A repeated pose adds no information, and makes leave-one-out meaningless.
     """
     view = sample.view
-    few = f"{counted(len(view.ids), 'point')} of the target seen, at least 4 are needed"
+    few = f"{plural(len(view.ids), 'point')} of the target seen, at least 4 are needed"
     resized = f"picture of {view.size} px, the camera was calibrated at {camera.size}"
     reason = view_fault(view, 4, few, camera.size, resized) or outside(view)
     if reason is None and on_one_line(view.image_px):

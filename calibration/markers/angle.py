@@ -24,7 +24,7 @@ from calibration.camera.model import CameraModel
 from calibration.markers.tracker import MarkerTracker
 from calibration.targets.aruco import Corners, Refusal, side_lengths
 from calibration.verdict import Assessment, limits, rests_on
-from drivers.errors import CalibrationError, counted
+from drivers.errors import CalibrationError, plural
 from drivers.types import Image
 
 Array = NDArray[np.floating]
@@ -72,7 +72,7 @@ def solve(ideal_px: Array, camera_matrix: Array | None, noise_px: float) -> tupl
     second marker in the plane of the first. Unit of the plane: a marker's side.
     """
 
-    def missed(parameters: Array) -> Array:
+    def residuals(parameters: Array) -> Array:
         plane = np.column_stack([_corners_in_plane(parameters[-3:]), np.ones(8)])
         rays = plane @ image_T_plane(parameters, camera_matrix).T
         return (rays[:, :2] / rays[:, 2:] - ideal_px.reshape(8, 2)).reshape(-1)
@@ -88,7 +88,7 @@ def solve(ideal_px: Array, camera_matrix: Array | None, noise_px: float) -> tupl
         centre = corners.mean(axis=0)
         turn = np.angle(((SQUARE @ (1, 1j)).conj() * ((corners - centre) @ (1, 1j))).sum())
         start = np.concatenate([guess, centre, [turn]])
-        fits.append(least_squares(missed, start, method="lm", x_scale="jac"))
+        fits.append(least_squares(residuals, start, method="lm", x_scale="jac"))
     best = min(fits, key=lambda fit: fit.cost)
     _, strengths, directions = np.linalg.svd(best.jac, full_matrices=False)
     if not best.success or strengths[-1] < 1e-12 * strengths[0]:
@@ -140,11 +140,11 @@ class PlaneReference:
     tilt_deg: float | None
     distance_sides: float | None
 
-    def undistorted(self, corners_px: Array) -> Array:
+    def undistort(self, corners_px: Array) -> Array:
         """Return the corners undistorted for each homography, (1 + P + L, 8, 2) px."""
-        seen = corners_px if self.camera is None else self.camera.undistorted(corners_px)
+        seen = corners_px if self.camera is None else self.camera.undistort(corners_px)
         same = np.broadcast_to(seen, (len(self.plane_T_image) - len(self.off), *seen.shape))
-        each = [camera.undistorted(corners_px) for camera in self.off]
+        each = [camera.undistort(corners_px) for camera in self.off]
         return np.concatenate([same, np.reshape(each, (-1, *seen.shape))]).reshape(-1, 8, 2)
 
 
@@ -174,7 +174,7 @@ def fit_plane(corners_px: Array, camera: CameraModel | None = None) -> PlaneRefe
     """
     _check_static(corners_px)
     mean = corners_px.mean(axis=0)
-    ideal = mean if camera is None else camera.undistorted(mean)
+    ideal = mean if camera is None else camera.undistort(mean)
     scatter = float(np.sqrt(corners_px.var(axis=0, ddof=1).mean()))
     matrix = None if camera is None else camera.matrix
     parameters, spread, fit = solve(ideal, matrix, scatter / np.sqrt(len(corners_px)))
@@ -188,7 +188,7 @@ def fit_plane(corners_px: Array, camera: CameraModel | None = None) -> PlaneRefe
     off = () if camera is None else tuple(camera.off_by_one_sigma())
     planes = [image_T_plane(p, matrix) for p in shifted]
     for other in off:
-        found, *_ = solve(other.undistorted(mean), other.matrix, 0.0)
+        found, *_ = solve(other.undistort(mean), other.matrix, 0.0)
         planes.append(image_T_plane(found, other.matrix))
     inverse = np.array([np.linalg.inv(plane) for plane in planes])
     normal = tilt_deg = distance = None
@@ -200,7 +200,7 @@ def fit_plane(corners_px: Array, camera: CameraModel | None = None) -> PlaneRefe
     reference = PlaneReference(
         mean, inverse, np.empty(0, np.complex128), side, scatter, fit, camera, off, normal, tilt_deg, distance
     )
-    return replace(reference, template=_in_plane(inverse, reference.undistorted(mean)))
+    return replace(reference, template=_in_plane(inverse, reference.undistort(mean)))
 
 
 def in_plane_angle(corners_px: Array, reference: PlaneReference) -> PlanarAngle:
@@ -213,7 +213,7 @@ def in_plane_angle(corners_px: Array, reference: PlaneReference) -> PlanarAngle:
     """
     if not np.isfinite(corners_px).all():
         raise CalibrationError("markers: a corner is NaN or infinite; refuse the frame instead")
-    ideal = reference.undistorted(corners_px)
+    ideal = reference.undistort(corners_px)
     points, template = _in_plane(reference.plane_T_image, ideal), reference.template
     # 1 if all corners rotate together, else Cauchy weights
     usual = max(_USUAL_PX, 3.0 * reference.scatter_px) / reference.side_px
@@ -245,7 +245,7 @@ def turn_sigma_deg(reference: PlaneReference, turn_deg: float) -> tuple[float, f
 
     Both grow with the rotation, because a wrong tilt of the plane maps circles to ellipses.
     """
-    ideal, plane_T_image = reference.undistorted(reference.corners_px), reference.plane_T_image[0]  # noqa: N806
+    ideal, plane_T_image = reference.undistort(reference.corners_px), reference.plane_T_image[0]  # noqa: N806
     rays = np.column_stack([ideal[0], np.ones(8)]) @ plane_T_image.T
     points = (rays[:, 0] + 1j * rays[:, 1]) / rays[:, 2]
     turned = points.mean() + (points - points.mean()) * np.exp(1j * np.radians(turn_deg))
@@ -253,7 +253,7 @@ def turn_sigma_deg(reference: PlaneReference, turn_deg: float) -> tuple[float, f
     seen = back[:, :2] / back[:, 2:]
     if reference.camera is not None:
         seen = reference.camera.project(np.linalg.solve(reference.camera.matrix, back.T).T)
-    found = _in_plane(reference.plane_T_image, reference.undistorted(seen.reshape(2, 4, 2)))
+    found = _in_plane(reference.plane_T_image, reference.undistort(seen.reshape(2, 4, 2)))
     apart = _apart(_rigid_turn(found, reference.template, np.ones(8))[0])
     split = len(apart) - len(reference.off)
     parts = np.degrees([np.linalg.norm(apart[:split]), np.linalg.norm(apart[split:])])
@@ -352,7 +352,7 @@ class MarkerAngle:
         if len(still) < FEWEST_FRAMES:
             refusals = Counter(str(reason) for reason in found if isinstance(reason, Refusal))
             raise CalibrationError(
-                f"markers: both are found in {len(still)} of {counted(len(pictures), 'picture')}, "
+                f"markers: both are found in {len(still)} of {plural(len(pictures), 'picture')}, "
                 f"at least {FEWEST_FRAMES} are needed (refused: {dict(refusals)}); "
                 "check ids, dictionary, light and size"
             )
@@ -407,7 +407,7 @@ def assess_markers(pictures: Sequence[Image], angle: MarkerAngle) -> MarkerRepor
     """
     if len(pictures) < 2 * FEWEST_FRAMES:
         raise CalibrationError(
-            f"markers: {counted(len(pictures), 'picture')} at rest; at least {2 * FEWEST_FRAMES} are needed"
+            f"markers: {plural(len(pictures), 'picture')} at rest; at least {2 * FEWEST_FRAMES} are needed"
         )
     half = max(FEWEST_FRAMES, len(pictures) // 2)
     plane = angle.take_reference(pictures[:half])
@@ -417,7 +417,7 @@ def assess_markers(pictures: Sequence[Image], angle: MarkerAngle) -> MarkerRepor
     refused = dict(Counter(str(a) for a in answers if isinstance(a, Refusal)))
     if len(rest) < 5:
         raise CalibrationError(
-            f"markers: an angle is found in {len(rest)} of {counted(len(answers), 'picture')} at rest "
+            f"markers: an angle is found in {len(rest)} of {plural(len(answers), 'picture')} at rest "
             f"({refused})"
         )
     quarter = max(len(rest) // 4, 1)

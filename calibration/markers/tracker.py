@@ -92,7 +92,7 @@ class MarkerTracker:
                 return found
         places = (None, None) if expected is None else expected
         seen = detect_all(self._full, gray)
-        found = _paired([_chosen(seen.get(i, []), place) for i, place in zip(self._ids, places, strict=True)])
+        found = _pair([_choose(seen.get(i, []), place) for i, place in zip(self._ids, places, strict=True)])
         if isinstance(found, Refusal) or expected is None:
             return found
         moved = np.linalg.norm(found - expected, axis=-1).max()
@@ -109,11 +109,11 @@ class MarkerTracker:
             window = np.s_[low[1] : high[1], low[0] : high[0]]
             seen = detect_all(self._near, gray[window]).get(marker_id, [])
             offset = (window[1].start, window[0].start)
-            quads.append(_chosen([quad + offset for quad in seen], place))
-        return _paired(quads)
+            quads.append(_choose([quad + offset for quad in seen], place))
+        return _pair(quads)
 
 
-def _chosen(quads: list[Corners], place: Corners | None) -> Corners | Refusal:
+def _choose(quads: list[Corners], place: Corners | None) -> Corners | Refusal:
     """Return the only quad, or the one clearly nearest to the expected position."""
     if not quads:
         return Refusal.NOT_FOUND
@@ -127,7 +127,7 @@ def _chosen(quads: list[Corners], place: Corners | None) -> Corners | Refusal:
     return min(quads, key=lambda quad: float(np.linalg.norm(quad - place)))
 
 
-def _paired(quads: list[Corners | Refusal]) -> Corners | Refusal:
+def _pair(quads: list[Corners | Refusal]) -> Corners | Refusal:
     """Return both markers as one array, if both were found and have similar sizes."""
     reasons = [quad for quad in quads if isinstance(quad, Refusal)]
     if Refusal.DUPLICATE in reasons:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from calibration.targets.aruco import Refusal, detect_all, detector, refine_edges
 from calibration.verdict import Rejected, sift
-from drivers.errors import InputError, counted
+from drivers.errors import InputError, plural
 from drivers.types import Image
 
 Array = NDArray[np.floating]
@@ -209,7 +209,7 @@ def usable_views(views: Sequence[View]) -> tuple[list[View], list[Rejected]]:
     def fault(view: View, kept: list[View]) -> str | None:
         (width, height), (wide, high) = view.size, common
         resized = f"size {width} x {height} differs from the others' {wide} x {high}"
-        few = f"{counted(len(view.ids), 'corner')} found, at least {FEWEST_POINTS} are needed"
+        few = f"{plural(len(view.ids), 'corner')} found, at least {FEWEST_POINTS} are needed"
         reason = view_fault(view, FEWEST_POINTS, few, common, resized)
         if reason is None and (on_one_line(view.board_m[:, :2]) or on_one_line(view.image_px)):
             reason = "all corners lie on one line"
@@ -247,7 +247,7 @@ def outside(view: View) -> str | None:
     x, y = view.image_px[beyond][0]
     width, height = view.size
     return (
-        f"{counted(int(beyond.sum()), 'point')} outside the picture of {width} x {height} px, as at "
+        f"{plural(int(beyond.sum()), 'point')} outside the picture of {width} x {height} px, as at "
         f"({x:.0f}, {y:.0f})"
     )
 

@@ -41,7 +41,7 @@ class TargetPicture:
 @lru_cache(maxsize=8)
 def target_picture(spec: str) -> TargetPicture:
     """Draw a target on white paper, with a resolution sufficient for printing and rendering."""
-    drawn = _drawn(spec)
+    drawn = _draw(spec)
     margin, density = drawn.margin, drawn.density()
     high, wide = (int(np.ceil((s + 2 * margin) * density)) for s in (drawn.size[1], drawn.size[0]))
     fine = np.full((high, wide), 255, np.uint8)
@@ -70,7 +70,7 @@ def target_sheet(spec: str) -> TargetSheet:
 
     Raises `InputError` for an invalid target.
     """
-    drawn = _drawn(spec)
+    drawn = _draw(spec)
     size = drawn.size
     foot = size[1] * 1e3 + 2 * _MARGIN_MM
     ink = [(_MARGIN_MM + x * 1e3, _MARGIN_MM + y * 1e3, w * 1e3, h * 1e3) for x, y, w, h in drawn.ink]
@@ -122,7 +122,7 @@ class _Drawn:
         return float(densities[np.argmin(off)])
 
 
-def _drawn(spec: str) -> _Drawn:
+def _draw(spec: str) -> _Drawn:
     target = parse_target(spec)
     if isinstance(target, Marker):
         side = target.side_m

@@ -65,7 +65,7 @@ def read_text(path: Path, most_bytes: int) -> str:
         raise FormatError(f"{path}: cannot be read as text ({reason(error)})") from error
 
 
-def shown(value: object) -> str:
+def quote(value: object) -> str:
     """Return an untrusted value for an error message, shortened and without passwords."""
     text = without_passwords(repr(value))
     return text if len(text) <= _LONGEST_VALUE else text[:_LONGEST_VALUE] + "..."
@@ -314,13 +314,13 @@ def parse_number(text: str) -> float:
     text = text.strip(_BLANKS)
     if _COMMA.fullmatch(text):
         raise FormatError(
-            f"{shown(text)} has a comma: write numbers with a decimal point, without thousands separators"
+            f"{quote(text)} has a comma: write numbers with a decimal point, without thousands separators"
         )
     if not _NUMBER.fullmatch(text):
-        raise FormatError(f"{shown(text)} is not a number")
+        raise FormatError(f"{quote(text)} is not a number")
     value = float(text)
     if not math.isfinite(value):
-        raise FormatError(f"{shown(text)} is too large")
+        raise FormatError(f"{quote(text)} is too large")
     return value
 
 
@@ -332,9 +332,9 @@ def parse_whole(text: str) -> int:
     value = parse_number(text)
     exact = _exact(text, value) if abs(value) <= _MAX_WHOLE else None
     if exact is None or not -_MAX_WHOLE <= exact < _MAX_WHOLE:
-        raise FormatError(f"{shown(text)} does not fit 64 bits")
+        raise FormatError(f"{quote(text)} does not fit 64 bits")
     if exact != exact.to_integral_value():
-        raise FormatError(f"{shown(text)} is not a whole number")
+        raise FormatError(f"{quote(text)} is not a whole number")
     return int(exact)
 
 
@@ -345,7 +345,7 @@ def parse_time_ns(text: str) -> int:
     """
     value = parse_number(text)
     if abs(value) > MAX_TIME_S:
-        raise FormatError(f"{shown(text)} is beyond {MAX_TIME_S:g} s: give times in s")
+        raise FormatError(f"{quote(text)} is beyond {MAX_TIME_S:g} s: give times in s")
     return round(_exact(text, value) * _NS)
 
 
@@ -430,7 +430,7 @@ def parse_csv(text: str, where: str) -> CsvTable:
     """
     header, lines = _with_header(*_lines(text, where))
     if twice := next((name for i, name in enumerate(header) if name and name in header[:i]), ""):
-        raise FormatError(f"{where}: has two columns {shown(twice)}: remove or rename one")
+        raise FormatError(f"{where}: has two columns {quote(twice)}: remove or rename one")
     for number, fields in lines:
         if any(fields[len(header) :]):
             raise FormatError(

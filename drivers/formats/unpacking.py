@@ -64,7 +64,7 @@ def _sizes(kind: str, data: bytes) -> Iterable[int]:
         unpack = zstandard.ZstdDecompressor(max_window_size=1 << 31)
         read = unpack.stream_reader(data, read_across_frames=True).read
     elif kind in _DECOMPRESSORS:
-        read = _bounded(_DECOMPRESSORS[kind], data)
+        read = _bounded_reader(_DECOMPRESSORS[kind], data)
     else:
         yield len(data)
         return
@@ -75,7 +75,7 @@ def _sizes(kind: str, data: bytes) -> Iterable[int]:
         return
 
 
-def _bounded(make: Callable[[], Any], data: bytes) -> Callable[[int], bytes]:
+def _bounded_reader(make: Callable[[], Any], data: bytes) -> Callable[[int], bytes]:
     """Return a reader of streams in a row, each with a decompressor with `decompress(data, max_length)`."""
     unpack = make()
 

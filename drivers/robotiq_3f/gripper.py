@@ -181,7 +181,7 @@ class Robotiq3F(Gripper):
         `DeviceTimeoutError`, and `DeviceError` if `stop` ended it.
         """
 
-        def activated(status: Status) -> bool:
+        def is_activated(status: Status) -> bool:
             if not status.activated:
                 raise DeviceError(
                     f"{self._link.name}: the activation was ended by a reset from another client"
@@ -196,7 +196,7 @@ class Robotiq3F(Gripper):
             self._watch("the reset", lambda s: not s.activated and s.stage is Stage.RESET, RESET_TIMEOUT_S)
             self._send(Command(activate=True))
             self._watch("the activation bit", lambda s: s.activated, RESET_TIMEOUT_S)
-            self._watch("activation", activated, ACTIVATION_TIMEOUT_S)
+            self._watch("activation", is_activated, ACTIVATION_TIMEOUT_S)
         finally:
             self._sequence = ""
 
@@ -210,7 +210,7 @@ class Robotiq3F(Gripper):
         describes the previous motion. Raises `GripperFaultError` for a fault code and for a lost activation
         (5), `DeviceTimeoutError` if neither a status nor the echo arrives.
         """
-        sample = self._connected().sample()
+        sample = self._require_line().sample()
         status = self._sound(sample.status)
         grasping = self._commands.grasping(status)
         counts = self._commands.position(status)
@@ -235,7 +235,7 @@ class Robotiq3F(Gripper):
         Raises `GripperFaultError` (5: not activated, 6: mode change in progress) and
         `OutOfLimitsError` before anything is sent.
         """
-        status = self._sound(self._connected().sample().status)
+        status = self._sound(self._require_line().sample().status)
         require_ready(status, self._link.name)
         parked = self._parked = self._parked or self._commands.standing(status)
         self._send(self._commands.motion(opening_m, speed_m_s, force_n, status.mode, parked))
@@ -249,20 +249,20 @@ class Robotiq3F(Gripper):
         """
         with self._lock:  # from here on the sequence in progress sends nothing more
             self._stopped = True
-        status = self._connected().sample().status
+        status = self._require_line().sample().status
         if self._sequence or status.stage in (Stage.ACTIVATING, Stage.CHANGING_MODE):
             self._was_ready = False
             self._write(Command())
         elif status.activated:
             self._write(Command(activate=True, mode=status.mode))
-        self._connected().watch("the stop", lambda s: not s.go_to and not under_way(s), ECHO_TIMEOUT_S)
+        self._require_line().watch("the stop", lambda s: not s.go_to and not under_way(s), ECHO_TIMEOUT_S)
 
     def keep_grip(self, most_m: float) -> None:
         """Keep the grip until the next command, see `Gripper` and `KeptGrip`.
 
         Raises `GripperFaultError` for a fault and for a lost activation.
         """
-        line = self._connected()
+        line = self._require_line()
         require_ready(self._sound(line.sample().status), self._link.name)
         if (command := self._grip) is not None:
             line.react = KeptGrip(command, self._commands.opening, most_m, self._note_reclosing).react
@@ -277,13 +277,13 @@ class Robotiq3F(Gripper):
 
     def round_trips_s(self) -> Sequence[float]:
         """Return the durations of the last answered requests, s; at most 1000."""
-        return tuple(self._connected().requests.round_trips_s)
+        return tuple(self._require_line().requests.round_trips_s)
 
     def counters(self) -> dict[str, int]:
         """Return the number of failed requests since `connect`, retried ones included."""
-        return {"failed_requests": self._connected().requests.failures}
+        return {"failed_requests": self._require_line().requests.failures}
 
-    def _connected(self) -> GripperLine:
+    def _require_line(self) -> GripperLine:
         line = self._line
         if line is None:
             raise NotConnectedError(f"{self._link.name}: used before connect; connect the bench first")
@@ -307,7 +307,7 @@ class Robotiq3F(Gripper):
         self._sent = (command, None) if command.go_to else None
         self._grip = command if command.go_to else None
         try:
-            self._connected().send(pack_command(command))
+            self._require_line().send(pack_command(command))
         except DeviceError:
             self._sent = None
             raise
@@ -339,4 +339,4 @@ class Robotiq3F(Gripper):
             self._require_unstopped()
             return reached(status)
 
-        self._connected().watch(what, reached_unstopped, timeout_s)
+        self._require_line().watch(what, reached_unstopped, timeout_s)

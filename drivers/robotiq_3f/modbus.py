@@ -294,11 +294,11 @@ class GripperLine:
         """
         start = self._clock.now_ns()
 
-        def seen() -> bool:
+        def is_reached() -> bool:
             sample = self.sample()
             return sample.time_ns >= start + to_ns(REFRESH_S) and reached(sample.status)
 
-        if not wait_until(self._clock, seen, timeout_s, POLL_S):
+        if not wait_until(self._clock, is_reached, timeout_s, POLL_S):
             raise DeviceTimeoutError(
                 f"{self._name}: {what} not reached within {timeout_s} s; "
                 "check power and preset, then activate again"

@@ -150,7 +150,9 @@ class UR5e(Arm):
         link = self._require_link()
         sample = link.sample()
         if link.state.guiding_lost():
-            raise DeviceError(f"arm: guiding by hand had ended: {link.control.ask(ControlCommands.halted)}")
+            raise DeviceError(
+                f"arm: guiding by hand had ended: {link.control.ask(ControlCommands.halt_reason)}"
+            )
         return ArmState(
             time_ns=sample.sampled_ns + self._clock_ahead_ns,
             base_T_tcp=from_ur(sample.pose),
@@ -173,7 +175,7 @@ class UR5e(Arm):
         self._ready(link)
         pose = to_ur(base_T_tcp)
         joints = link.control.ask(ControlCommands.joints_for, pose, sample.joints_rad)
-        if not joints and (reason := self._ended(link)):
+        if not joints and (reason := self._program_error(link)):
             raise reason
         check_joints(joints, self._joint_limits, base_T_tcp)
 
@@ -204,7 +206,7 @@ class UR5e(Arm):
         if link is None:
             return
         try:
-            halted = link.control.ask(ControlCommands.halted)
+            halted = link.control.ask(ControlCommands.halt_reason)
             link.control.ask(ControlCommands.end_guiding)
             self._wait(lambda: is_still(link.sample()), STAND_LIMIT_S, "stand")
         except BaseException:
@@ -269,11 +271,11 @@ class UR5e(Arm):
             raise self._refusal(link, "zeroFtSensor")
         answered_ns = self._host_clock.now_ns()
 
-        def zeroed() -> bool:
+        def is_zeroed() -> bool:
             sample = link.sample()  # a sample from before the answer still shows the old force
             return sample.sampled_ns > answered_ns and math.hypot(*sample.wrench[:3]) < ZEROED_N
 
-        self._wait(zeroed, ZERO_LIMIT_S, "zero its force sensor")
+        self._wait(is_zeroed, ZERO_LIMIT_S, "zero its force sensor")
 
     def identity(self) -> dict[str, str]:
         """Return serial number, firmware and model, as far as the controller reported them at `connect`."""
@@ -327,7 +329,7 @@ class UR5e(Arm):
                     self._set_tool(link)
                 return
             except DeviceError:  # on a loaded host the watchdog may end the program; nothing moves yet
-                if not tries_left or self._ended(link) is None:
+                if not tries_left or self._program_error(link) is None:
                     raise
 
     def _start_program(self, link: ArmLink) -> None:
@@ -357,13 +359,13 @@ class UR5e(Arm):
         """
         replies = [""]
 
-        def released() -> bool:
+        def try_release() -> bool:
             link.dashboard.ask("close safety popup")
             replies.append(link.dashboard.ask("unlock protective stop"))
             return replies[-1] == RELEASED
 
         try:
-            self._wait(released, RELEASE_LIMIT_S, "release the stop", RELEASE_PAUSE_S)
+            self._wait(try_release, RELEASE_LIMIT_S, "release the stop", RELEASE_PAUSE_S)
         except DeviceTimeoutError as error:
             raise DeviceError(f"arm: the protective stop cannot be released: '{replies[-1]}'") from error
         self._wait(lambda: stop_reason(link.sample()) is None, NORMAL_LIMIT_S, "leave the stop")
@@ -390,18 +392,18 @@ class UR5e(Arm):
             raise self._refusal(link, "setPayload")
         if not math.isnan(link.sample().payload_kg):
 
-            def weighed() -> bool:
+            def has_payload() -> bool:
                 return abs(link.sample().payload_kg - tool.payload_kg) <= SAME_KG
 
-            self._wait(weighed, PAYLOAD_LIMIT_S, f"take the payload of {tool.payload_kg} kg")
+            self._wait(has_payload, PAYLOAD_LIMIT_S, f"take the payload of {tool.payload_kg} kg")
         tool.other = None
 
     def _refusal(self, link: ArmLink, command: str) -> DeviceError:
-        return self._ended(link) or DeviceError(
+        return self._program_error(link) or DeviceError(
             f"arm: '{command}' was rejected although the program runs; see the log on the pendant"
         )
 
-    def _ended(self, link: ArmLink) -> DeviceError | None:
+    def _program_error(self, link: ArmLink) -> DeviceError | None:
         """Return why the control program does not run; None if it keeps running."""
         wait_until(self.clock, lambda: program_reason(link.sample()) is not None, REASON_LIMIT_S, _POLL_S)
         return program_reason(link.sample())
@@ -501,7 +503,7 @@ class ArmMotion(PolledMotion):
         """Whether the arm has arrived, or stands still after a stop. Raises if the motion failed."""
         if not self._done:
             sample = self._arm.moving_sample()
-            self._done = self._over(sample) and self._arrived(sample)
+            self._done = self._over(sample) and self._has_arrived(sample)
         return self._done
 
     def _over(self, sample: StateSample) -> bool:
@@ -536,7 +538,7 @@ class ArmMotion(PolledMotion):
         there = from_ur(sample.pose).is_near(self._target, NEAR_M, NEAR_RAD)
         return there or self._arm.stops != self._stops
 
-    def _arrived(self, sample: StateSample) -> bool:
+    def _has_arrived(self, sample: StateSample) -> bool:
         """Whether the state stream also shows the end; it may be one cycle late."""
         settling = self._arm.clock.now_ns() - (self._ended_ns or 0) < to_ns(SETTLE_LIMIT_S)
         if self._there(sample):

@@ -115,7 +115,7 @@ class Heartbeat:
         self._waited_ns = 0
         self._program.note()
 
-    def answered(self, asked_ns: int) -> None:
+    def note_answer(self, asked_ns: int) -> None:
         """Note that the program got the answer to a call of time `asked_ns`; it could not poll meanwhile."""
         self._note_polls()
         self._checked_ns = self._clock.now_ns()

@@ -140,7 +140,7 @@ class ControlClient:
                 self._connection.settimeout(host_s(self._clock, _SEND_S))
                 self._connection.sendall(json.dumps(request).encode() + b"\n")
             except OSError as error:
-                raise self._lost(name) from error
+                raise self._connection_error(name) from error
             return self._receive(timeout_s, name)
         finally:
             self._lock.release()
@@ -179,12 +179,12 @@ class ControlClient:
         except TimeoutError:
             return
         except OSError as error:
-            raise self._lost(name) from error
+            raise self._connection_error(name) from error
         if not data:
-            raise self._lost(name)
+            raise self._connection_error(name)
         self._rest += data
 
-    def _lost(self, name: str) -> DeviceError:
+    def _connection_error(self, name: str) -> DeviceError:
         self.process.wait(host_s(self._clock, _CHECK_S))
         return DeviceError(
             f"arm: connection lost at '{name}': {self.process.death()}; the arm's state is unknown. "

@@ -96,7 +96,7 @@ class ControlCommands:
         return self._control.moveL(pose, speed_m_s, acceleration_m_s2, True), before
 
     def operation(self) -> tuple[int, bool, str]:
-        """Return number and running of the newest operation, and why the heartbeat ended it, as `halted`."""
+        """Return number and running of the newest operation, and why the heartbeat ended it, as `halt_reason`."""
         status = self._control.getAsyncOperationProgressEx()
         return status.operationId(), status.isAsyncOperationRunning(), self.heartbeat.halted
 
@@ -119,7 +119,7 @@ class ControlCommands:
         self._guided = False
         return self._control.endTeachMode()
 
-    def halted(self) -> str:
+    def halt_reason(self) -> str:
         """Return why `drivers.ur5e.heartbeat` ended the newest motion or guiding; empty if it did not."""
         return self.heartbeat.halted
 
@@ -144,7 +144,7 @@ STOP_S = 1.0
 """Time for the arm to stop before the command process exits because its parent ended."""
 STATE_LOST, PARENT_LOST, CONNECTION_LOST = 3, 4, 3
 """Exit codes: of the command process, and of the state process."""
-AT_ONCE = ("stop_linear", "end_program", "operation", "halted")
+AT_ONCE = ("stop_linear", "end_program", "operation", "halt_reason")
 """Calls that stop the arm or need no answer of the controller; they keep the real-time priority."""
 COMMANDS = {name: method for name, method in vars(ControlCommands).items() if not name.startswith("_")}
 
@@ -165,7 +165,7 @@ def serve(connection: socket.socket, commands: ControlCommands, clock: Clock) ->
         with nullcontext() if request["call"] in AT_ONCE else ordinary():
             reply = answer(commands, request)
         _send(connection, reply)
-        commands.heartbeat.answered(asked_ns)
+        commands.heartbeat.note_answer(asked_ns)
 
 
 def answer(commands: ControlCommands, request: dict[str, Any]) -> dict[str, Any]:

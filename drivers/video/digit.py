@@ -81,7 +81,7 @@ class Digit(AddressedSource, TactileSensor):
 
     def _prepare(self, stream: FrameStream) -> None:
         self._apply_light(stream)
-        self._glitches.reopened()
+        self._glitches.note_reopening()
 
     def _decode(self, raw: RawFrame) -> tuple[Image, bytes | None]:
         image, jpeg = decode_frame(raw, self._size_px, upright=True)
@@ -144,7 +144,7 @@ class GlitchCheck:
         self._good: NDArray[np.float32] | None = None
         self._shifted = 0
 
-    def reopened(self) -> None:
+    def note_reopening(self) -> None:
         """Note that the stream was reopened. The last good image is kept as the reference."""
         self._shifted = 0
 
@@ -158,7 +158,7 @@ class GlitchCheck:
         # the mean colour of each row in each group of columns, (H, 4, 3)
         small = cv2.resize(image, (BANDS, image.shape[0]), interpolation=cv2.INTER_AREA)
         profile = np.asarray(small, np.float32)
-        if self._good is not None and self._good.shape == profile.shape and shifted(self._good, profile):
+        if self._good is not None and self._good.shape == profile.shape and is_shifted(self._good, profile):
             self._shifted += 1
             if self._shifted >= MAX_SHIFTED:
                 raise DeviceError(f"{MAX_SHIFTED} images in a row are shifted; use 320 x 240 px")
@@ -179,7 +179,7 @@ def is_green(image: Image) -> bool:
     return bool(dead.mean() >= _DEAD_SHARE)
 
 
-def shifted(good: NDArray[np.float32], seen: NDArray[np.float32]) -> bool:
+def is_shifted(good: NDArray[np.float32], seen: NDArray[np.float32]) -> bool:
     """Whether a profile (H, 4, 3) is a circular shift of the good one along its first axis, in any band.
 
     Three conditions: it differs from the good profile; after shifting it back, the difference is nearly zero;

@@ -45,7 +45,7 @@ class RecordedStream(FrameStream):
         self._number += 1
         return self._number - 1, due_ns
 
-    def _ended(self) -> DeviceError:
+    def _end_error(self) -> DeviceError:
         return DeviceError(
             f"{self._path}: all {self._number} images have been played; start again to replay them"
         )
@@ -60,7 +60,7 @@ class FolderStream(RecordedStream):
 
     def read(self) -> RawFrame:
         if self._number >= len(self._files):
-            raise self._ended()
+            raise self._end_error()
         number, due_ns = self._await_next(self._number / self._rate_hz)
         try:
             data = self._files[number].read_bytes()
@@ -86,7 +86,7 @@ class VideoStream(RecordedStream):
     def read(self) -> RawFrame:
         there, bgr = self._capture.read()
         if not there:
-            raise self._ended()
+            raise self._end_error()
         number, due_ns = self._await_next(self._shown_s())
         image = np.ascontiguousarray(bgr[..., ::-1], np.uint8)
         return RawFrame(self._clock.now_ns(), None, image, due_ns, number)

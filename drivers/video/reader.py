@@ -84,7 +84,7 @@ class FrameBuffer:
                 if self._closed:
                     raise NotConnectedError(f"{self._serial}: disconnected; connect the bench first")
                 if self._over:
-                    raise DeviceError(self._named(self._trouble))
+                    raise DeviceError(self._with_serial(self._trouble))
                 self._wait(deadline, f"no frame within {timeout_s:.3g} s")
             self._changed.notify_all()
             return self._backlog.popleft()
@@ -111,7 +111,7 @@ class FrameBuffer:
         with self._changed:
             while self._newest is None:
                 if self._trouble:
-                    raise DeviceError(self._named(self._trouble))
+                    raise DeviceError(self._with_serial(self._trouble))
                 self._wait(deadline, f"no frame within {timeout_s:.3g} s of opening")
 
     @property
@@ -124,7 +124,7 @@ class FrameBuffer:
             raise DeviceTimeoutError(f"{self._serial}: {missed}; {self._why()}")
         self._changed.wait(host_s(self._clock, remaining_ns / NS_PER_S))
 
-    def _named(self, trouble: str) -> str:
+    def _with_serial(self, trouble: str) -> str:
         return trouble if trouble.startswith(f"{self._serial}:") else f"{self._serial}: {trouble}"
 
     def _why(self) -> str:
@@ -230,10 +230,10 @@ class FrameReader(FrameSource):
             run.thread.join(host_s(self._clock, STOP_TIMEOUT_S))
 
     def next_frame(self, timeout_s: float) -> Frame:
-        return self._connected().buffer.next(timeout_s)
+        return self._require_run().buffer.next(timeout_s)
 
     def newest_frame(self, max_age_s: float) -> Frame:
-        return self._connected().buffer.newest(max_age_s)
+        return self._require_run().buffer.newest(max_age_s)
 
     def counters(self) -> dict[str, int]:
         """Return event counts since the driver was created.
@@ -253,7 +253,7 @@ class FrameReader(FrameSource):
         """
         return self._times.kind
 
-    def _connected(self) -> _Run:
+    def _require_run(self) -> _Run:
         run = self._run
         if run is None:
             raise NotConnectedError(f"{self._serial}: read before connect; connect the bench first")
@@ -291,7 +291,7 @@ class FrameReader(FrameSource):
             failed_before = run.streams > 0
             run.streams += 1
             self._counts["reopened"] += failed_before
-            self._count.opened(after_failure=failed_before)
+            self._count.note_opening(after_failure=failed_before)
             news = PictureNews()
             while not run.stopping.is_set():
                 self._take(run, stream, times, news)

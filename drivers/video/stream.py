@@ -113,7 +113,7 @@ class SequenceCounter:
         self._gap_counts = True
         self._intervals: deque[int] = deque(maxlen=_INTERVALS)
 
-    def opened(self, after_failure: bool) -> None:
+    def note_opening(self, after_failure: bool) -> None:
         """Note that the source was opened: its frame numbers may restart.
 
         after_failure: images since the last one count as dropped.

@@ -265,7 +265,7 @@ def render_sheet(
     if place @ turn[:, 2] > 0.0 and place[2] > 0.05:
         wanted_px_per_m = _FINE * float(camera_matrix[0, 0]) / float(np.linalg.norm(place))
         # reduced to about twice the wanted density, so that sampling it does not alias
-        coarse = _reduced(sheet, max(1, int(sheet.px_per_m / (2.0 * wanted_px_per_m))))
+        coarse = _reduce(sheet, max(1, int(sheet.px_per_m / (2.0 * wanted_px_per_m))))
         scale, (x, y) = coarse.px_per_m, coarse.origin_m
         sheet_T_plane = np.array(  # noqa: N806 - frame names keep their case
             [[scale, 0.0, -x * scale - 0.5], [0.0, scale, -y * scale - 0.5], [0.0, 0.0, 1.0]]
@@ -283,7 +283,7 @@ def render_sheet(
 
 
 @lru_cache(maxsize=16)
-def _reduced(sheet: Sheet, step: int) -> Sheet:
+def _reduce(sheet: Sheet, step: int) -> Sheet:
     rows, columns = (n // step * step for n in sheet.grey.shape)
     small = cv2.resize(
         sheet.grey[:rows, :columns], (columns // step, rows // step), interpolation=cv2.INTER_AREA

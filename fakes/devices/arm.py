@@ -81,7 +81,7 @@ class FakeArm(Arm):
         pose = self._world.tool.pose_at(now)
         if pose != self._pose:
             self._pose, self._joints = pose, self._reach(pose, ANY_JOINTS, tracked_inverse)
-        joints = self._encoders.shown(self._joints, now)
+        joints = self._encoders.measure(self._joints, now)
         height_m = self._world.tool.position_at(now)[2]
         return ArmState(
             now,
@@ -101,7 +101,7 @@ class FakeArm(Arm):
         self._check_running()
         profile = TrapezoidProfile(now, distance(start, base_T_tcp), speed_m_s, acceleration_m_s2)
         self._world.tool = ToolPath.between(start, base_T_tcp, profile)
-        return PolledMotion("arm", self._clock, self._arrived, self.stop)
+        return PolledMotion("arm", self._clock, self._has_arrived, self.stop)
 
     def begin_guiding(self) -> None:
         self._require_connected()
@@ -142,7 +142,7 @@ class FakeArm(Arm):
     def _stands(self) -> bool:
         return self._world.tool.profile.done_at(self._clock.now_ns())
 
-    def _arrived(self) -> bool:
+    def _has_arrived(self) -> bool:
         self._check_running()
         return self._stands()
 

@@ -14,7 +14,7 @@ from drivers.interfaces import Camera
 from drivers.types import Frame, Image, Pose
 from fakes.camera.marker_scene import MarkerScene, render_sheet
 from fakes.faults import FaultScript
-from fakes.gel.variation import decoded, encoded
+from fakes.gel.variation import decode_jpeg, encode_jpeg
 from fakes.world.fixture import PrintedSheet, camera_T_target, nothing_printed
 from fakes.world.mirror import WorldView
 
@@ -128,8 +128,8 @@ class FakeSource:
         if self._active("freeze", index) and self._frozen is not None:
             return replace(self._frozen, time_ns=time_ns, sequence=index)
         rng = np.random.Generator(np.random.Philox(key=self._seed, counter=index << 64))
-        data = encoded(self._render(time_ns, rng), JPEG_QUALITY)
-        self._frozen = Frame(decoded(data), time_ns, index, self.serial, data)
+        data = encode_jpeg(self._render(time_ns, rng), JPEG_QUALITY)
+        self._frozen = Frame(decode_jpeg(data), time_ns, index, self.serial, data)
         return self._frozen
 
 

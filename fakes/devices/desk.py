@@ -11,7 +11,7 @@ from drivers.interfaces import TactileSensor
 from drivers.types import Image
 from fakes.devices.camera import FakeSource, Shutter
 from fakes.faults import FaultScript
-from fakes.gel.pad import turned
+from fakes.gel.pad import rotate
 from fakes.gel.sensor import GelSensor, Imprint
 from fakes.objects.catalogue import find_object
 from fakes.objects.surfaces import Surface, build_surface, depth_for_force
@@ -58,11 +58,11 @@ class DeskDigit(FakeSource, TactileSensor):
     def draw(self, time_ns: int, rng: np.random.Generator) -> Image:
         """Return the image at a time, (H, W, 3) uint8 RGB. rng: draws the noise."""
         time_s, imprint = self._shown.since_start_s(time_ns), None
-        if (share := _pressed(time_s % CYCLE_S)) > 0.0:
+        if (share := _depth_share(time_s % CYCLE_S)) > 0.0:
             surface, depth_mm = _pressed_surface(self._side)
             angle_deg = self._side * _turned_deg(time_s)
             px, py = self._side * PIVOT_MM[0], PIVOT_MM[1]
-            x, y = turned(px, py, math.radians(angle_deg))
+            x, y = rotate(px, py, math.radians(angle_deg))
             imprint = Imprint(surface, angle_deg, (px - x, py - y), share * depth_mm, TILT)
         return _gel(20 + self._side).render(imprint, time_s, rng)
 
@@ -72,10 +72,10 @@ class DeskDigit(FakeSource, TactileSensor):
         Returns None without contact.
         """
         time_s = self._shown.since_start_s(time_ns)
-        return self._side * _turned_deg(time_s) if _pressed(time_s % CYCLE_S) > 0.0 else None
+        return self._side * _turned_deg(time_s) if _depth_share(time_s % CYCLE_S) > 0.0 else None
 
 
-def _pressed(in_cycle_s: float) -> float:
+def _depth_share(in_cycle_s: float) -> float:
     """Return the fraction of the full depth, 0 without contact."""
     if in_cycle_s >= OFF_S:
         return 0.0

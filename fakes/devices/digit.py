@@ -12,9 +12,9 @@ from drivers.types import Image
 from fakes.devices.camera import CameraPlan, FakeSource, Shutter, unit_seed
 from fakes.faults import FaultScript
 from fakes.gel.dots import shear_of
-from fakes.gel.pad import turned
+from fakes.gel.pad import rotate
 from fakes.gel.sensor import GelSensor, Imprint
-from fakes.gel.variation import FAMILY, Look, coded, draw_variation, jpeg
+from fakes.gel.variation import FAMILY, Look, apply_codec, draw_variation, jpeg
 from fakes.objects.surfaces import Surface, depth_for_force, face_surface
 from fakes.studio.conditions import EASY, Conditions, Difficulty, draw_conditions
 from fakes.world.mirror import WorldView
@@ -46,7 +46,7 @@ class DigitPlan:
     difficulty: Difficulty = "easy"
     look: Look | None = None
 
-    def slowed(self, seed: int) -> "DigitPlan":
+    def for_lift(self, seed: int) -> "DigitPlan":
         """Return the fingertip with its frame rate in the lift of a seed; some video codecs reduce it."""
         given_hz = draw_conditions(self.difficulty, seed, self.side).rate_hz
         return self if given_hz is None else replace(self, rate_hz=min(given_hz, self.rate_hz))
@@ -79,7 +79,7 @@ class FakeDigit(FakeSource, TactileSensor):
         state = self._world.state_at(time_ns)
         image, look = self._gel.render(self._imprint(state), time_ns / NS_PER_S, rng), self._plan.look
         if self._conditions.codec is not None:
-            image = coded(image, time_ns, self._conditions.codec)
+            image = apply_codec(image, time_ns, self._conditions.codec)
         elif look is not None and look.jpeg_quality is not None:
             image = jpeg(image, look.jpeg_quality)
         if self._light == 1.0:
@@ -128,7 +128,7 @@ class FakeDigit(FakeSource, TactileSensor):
             pivot = side * (right + px) + off_x, low + py + off_y
             shear = shear_of(math.degrees(side * turn), pivot, (0.0, slid_mm))
         # the surface turns about a pivot beside the centre of the contact
-        x, y = turned(px, py, turn)
+        x, y = rotate(px, py, turn)
         across, down = right + px - x, low + py - y + slid_mm
         if bulge is not None:  # it slides and rocks with the object, but never turns; the face rolls
             (roll_x, roll_y), (rock_x, rock_y) = conditions.roll_mm_per_rad, conditions.rock_mm_per_rad
@@ -137,7 +137,7 @@ class FakeDigit(FakeSource, TactileSensor):
             bulge_mm = side * (right + rock_x * slipped_rad) + off_x, bulge_down + off_y
         # the tilt is fixed to the object, and grows with the weight on the pads
         (rest_x, rest_y), (load_x, load_y) = variation.tilt_at_rest, variation.tilt_under_load
-        tilt_x, tilt_y = turned(rest_x + state.loaded * load_x, rest_y + state.loaded * load_y, turn)
+        tilt_x, tilt_y = rotate(rest_x + state.loaded * load_x, rest_y + state.loaded * load_y, turn)
         force_n = state.force_n
         if not grasp.site.contact.exact:
             force_n *= conditions.pressed_more(math.degrees(slipped_rad))

@@ -125,7 +125,7 @@ class FakeGripper(Gripper):
         self._requested, self._drifts = position_counts, False
         self._stalls = self._stall_counts(now) <= end < position_counts
         self._world.fingers = self._world.fingers.sent_to(end, speed_m_s / layout.opening_per_count_m, now)
-        return PolledMotion("gripper", self._clock, self._arrived, self.stop)
+        return PolledMotion("gripper", self._clock, self._has_arrived, self.stop)
 
     def keep_grip(self, most_m: float) -> None:
         """Keep the grip as `Gripper.keep_grip` describes. The fingers are checked when the state is read."""
@@ -149,7 +149,7 @@ class FakeGripper(Gripper):
     def _has(self, kind: str) -> bool:
         return self._faults.active(kind, self._clock.now_ns(), "gripper")
 
-    def _arrived(self) -> bool:
+    def _has_arrived(self) -> bool:
         self._require_usable()
         return self._world.fingers.profile.done_at(self._clock.now_ns() - self._period_ns)
 

@@ -63,7 +63,7 @@ class MarkerPrint:
         """Return the transmitted fraction of light, (H, W, 1). touching: (H, W), true in the contact."""
         places = self._places_mm
         if shear is not None and touching is not None and touching.any():
-            places = places + self._moved(shear, touching)
+            places = places + self._displacements_mm(shear, touching)
         ink = np.zeros(self.shape, np.uint8)
         radius = round(0.5 * DIAMETER_MM / self.mm_per_px[0] * (1 << _SHIFT))
         for column, row in np.rint(self._pixels(places) * (1 << _SHIFT)).astype(int).tolist():
@@ -71,7 +71,7 @@ class MarkerPrint:
         ink = cv2.GaussianBlur(ink, (0, 0), 0.8)
         return (1.0 - (_INK / 255.0) * ink.astype(np.float32))[..., None]
 
-    def _moved(self, shear: Shear, touching: NDArray[np.bool_]) -> NDArray[np.float64]:
+    def _displacements_mm(self, shear: Shear, touching: NDArray[np.bool_]) -> NDArray[np.float64]:
         """Return the displacement of each marker, (N, 2) mm."""
         apart_px = cv2.distanceTransform((~touching).astype(np.uint8), cv2.DIST_L2, 5)
         columns, rows = np.rint(self._pixels(self._places_mm)).astype(int).T

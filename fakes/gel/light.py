@@ -71,7 +71,7 @@ def vary_light(light: Light, light_seed: int | None) -> Light:
     rng = np.random.default_rng((light_seed, 29))
     turn = np.deg2rad(rng.normal(0.0, 12.0, (3, 1, 1))).astype(np.float32)
     cos, sin = np.cos(turn), np.sin(turn)
-    background = _mixed(light.background, rng)
+    background = _mix(light.background, rng)
     gain = light.gain * rng.uniform(0.35, 1.3) * rng.uniform(0.7, 1.3, (3, 1, 1))
     # in darker regions a slope reflects less light
     columns, rows = light.gain.shape[2], light.gain.shape[1]
@@ -110,7 +110,7 @@ def _background(shape: tuple[int, int], rng: np.random.Generator) -> Planes:
     return (image / (1.0 + (image / _WHITE) ** 4) ** 0.25).astype(np.float32)
 
 
-def _mixed(image: Planes, rng: np.random.Generator) -> Planes:
+def _mix(image: Planes, rng: np.random.Generator) -> Planes:
     """Mix the colours of a background, change its contrast, and add smooth bright and dark patches."""
     rows, columns = image.shape[:2]
     mixed = image @ (np.eye(3) + rng.uniform(-0.12, 0.22, (3, 3))).astype(np.float32)

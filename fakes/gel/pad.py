@@ -72,10 +72,10 @@ class GelPad:
         It is dragged along by the object and may trail behind it.
         """
         gel = self.variation
-        pressed = self._pressed(imprint, imprint.angle_deg)
+        pressed = self._press(imprint, imprint.angle_deg)
         dragged = pressed
         if abs(imprint.lag_deg) > _MIN_LAG_DEG:
-            dragged = self._pressed(imprint, imprint.angle_deg - imprint.lag_deg)
+            dragged = self._press(imprint, imprint.angle_deg - imprint.lag_deg)
         if self.look is not None:
             dent = self.look.dent(pressed, dragged)
             smoother = gel.film_px > FAMILY.film_px
@@ -96,7 +96,7 @@ class GelPad:
         depth = cv2.resize(self._penetration(imprint, imprint.angle_deg), (width, height))
         return np.asarray(depth > _TOUCHING_MM)
 
-    def _pressed(self, imprint: Imprint, angle_deg: float) -> DepthMap:
+    def _press(self, imprint: Imprint, angle_deg: float) -> DepthMap:
         """Return the depth of the gel under the object, mm; flattened in the middle for some units."""
         pressed = np.maximum(self._penetration(imprint, angle_deg), 0.0)
         limit = np.float32(self.variation.flatten_mm)
@@ -104,7 +104,7 @@ class GelPad:
 
     def _penetration(self, imprint: Imprint, angle_deg: float) -> DepthMap:
         """Return the depth of the object's surface below the undented gel, mm; negative without contact."""
-        depth = self._warped(imprint.surface, angle_deg, imprint.centre_mm)
+        depth = self._warp(imprint.surface, angle_deg, imprint.centre_mm)
         tx, ty = imprint.tilt
         cx, cy = imprint.centre_mm
         np.negative(depth, out=depth)
@@ -116,7 +116,7 @@ class GelPad:
             depth -= imprint.bulge.height(self._x_mm - np.float32(across), self._y_mm - np.float32(down))
         return depth
 
-    def _warped(self, surface: Surface, angle_deg: float, centre_mm: tuple[float, float]) -> DepthMap:
+    def _warp(self, surface: Surface, angle_deg: float, centre_mm: tuple[float, float]) -> DepthMap:
         rows, columns = self._dome_mm.shape
         turn = np.deg2rad(angle_deg)
         cos, sin = np.cos(turn), np.sin(turn)
@@ -134,7 +134,7 @@ class GelPad:
         return np.asarray(warped, np.float32)
 
 
-def turned(x: float, y_down: float, turn_rad: float) -> tuple[float, float]:
+def rotate(x: float, y_down: float, turn_rad: float) -> tuple[float, float]:
     """Rotate an image vector (x right, y down) counter-clockwise in the image."""
     c, s = math.cos(turn_rad), math.sin(turn_rad)
     return c * x + s * y_down, -s * x + c * y_down

@@ -94,7 +94,7 @@ def draw_codec(rng: np.random.Generator) -> Codec:
     return Codec(int(quality), float(refresh_s), float(levels), int(rng.integers(1 << 31)))
 
 
-def coded(image: Image, time_ns: int, codec: Codec) -> Image:
+def apply_codec(image: Image, time_ns: int, codec: Codec) -> Image:
     """Return an image (H, W, 3) uint8 RGB, captured at a time, after the codec."""
     refresh, since_ns = divmod(time_ns, round(codec.refresh_s * NS_PER_S))
     moved = cv2.add(image, _offsets(codec, refresh, image.shape[:2]), dtype=cv2.CV_8U)
@@ -102,20 +102,20 @@ def coded(image: Image, time_ns: int, codec: Codec) -> Image:
     return jpeg(np.asarray(moved, np.uint8), quality)
 
 
-def encoded(image: Image, quality: int) -> bytes:
+def encode_jpeg(image: Image, quality: int) -> bytes:
     """Return an image (H, W, 3) uint8 RGB as JPEG with a quality from 1 to 100."""
     blue_first = cv2.cvtColor(image, cv2.COLOR_RGB2BGR)
     return cv2.imencode(".jpg", blue_first, [cv2.IMWRITE_JPEG_QUALITY, quality])[1].tobytes()
 
 
-def decoded(data: bytes) -> Image:
+def decode_jpeg(data: bytes) -> Image:
     """Return a JPEG as image (H, W, 3) uint8 RGB."""
     return np.asarray(cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR_RGB), np.uint8)
 
 
 def jpeg(image: Image, quality: int) -> Image:
     """Return an image (H, W, 3) uint8 RGB after JPEG compression with a quality from 1 to 100."""
-    return decoded(encoded(image, quality))
+    return decode_jpeg(encode_jpeg(image, quality))
 
 
 @lru_cache(maxsize=_OFFSETS_KEPT)

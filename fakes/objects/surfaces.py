@@ -55,7 +55,7 @@ def _letters(along: Field, across: Field, pitch_mm: float, rng: np.random.Genera
             ends = rng.integers(0, height_px, (2, 4)) * np.array([0.6, 1.0, 0.6, 1.0])
             for x0, y0, x1, y1 in ends.astype(int):
                 cv2.line(canvas, (column + x0, row + y0), (column + x1, row + y1), 0.0, 2)
-    return _sampled(np.asarray(cv2.GaussianBlur(canvas, (0, 0), 1.0), np.float32), along, across)
+    return _sample(np.asarray(cv2.GaussianBlur(canvas, (0, 0), 1.0), np.float32), along, across)
 
 
 def _mottle(along: Field, across: Field, scale_mm: tuple[float, float], rng: np.random.Generator) -> Field:
@@ -64,10 +64,10 @@ def _mottle(along: Field, across: Field, scale_mm: tuple[float, float], rng: np.
     sigma_px = [max(0.25 * size * 256 / 30.0, 0.5) for size in scale_mm]
     field = cv2.GaussianBlur(field, (0, 0), sigmaX=sigma_px[0], sigmaY=sigma_px[1])
     low, high = np.percentile(field, (2.0, 98.0))
-    return _sampled(np.clip((field - low) / (high - low), 0.0, 1.0).astype(np.float32), along, across)
+    return _sample(np.clip((field - low) / (high - low), 0.0, 1.0).astype(np.float32), along, across)
 
 
-def _sampled(canvas: Field, along: Field, across: Field) -> Field:
+def _sample(canvas: Field, along: Field, across: Field) -> Field:
     """Sample a 30 mm square canvas at coordinates in mm; it is continued by mirroring."""
     scale, centre = canvas.shape[0] / 30.0, canvas.shape[0] / 2
     columns = (along * scale + centre).astype(np.float32)
@@ -236,7 +236,7 @@ def build_surface(site: GraspSite | ContactShape, side: int, seed: int) -> Surfa
     contact = site.contact if isinstance(site, GraspSite) else site
     x_mm, z_mm = _grid()
     specimen = np.random.default_rng((seed, 11))
-    parts = contact.parts if contact.exact else [_jittered(part, specimen) for part in contact.parts]
+    parts = contact.parts if contact.exact else [_jitter(part, specimen) for part in contact.parts]
     height = np.minimum.reduce([part.height(x_mm, z_mm) for part in parts])
     if side < 0:
         height = height[:, ::-1]
@@ -318,7 +318,7 @@ def _grid() -> tuple[Field, Field]:
     return x_mm, z_mm
 
 
-def _jittered(part: Shape, rng: np.random.Generator) -> Shape:
+def _jitter(part: Shape, rng: np.random.Generator) -> Shape:
     """Return a specimen of a part, with sizes changed by a few per cent and a slightly bent axis."""
     changes = {
         name: value * float(rng.uniform(1.0 - spread, 1.0 + spread))

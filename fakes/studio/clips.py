@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from drivers.clock import to_ns
 from drivers.errors import InputError
 from drivers.types import Image
-from fakes.gel.pad import turned
+from fakes.gel.pad import rotate
 from fakes.gel.sensor import GelSensor, Imprint
 from fakes.objects.catalogue import GraspSite, find_object
 from fakes.objects.shapes import Ball, ContactShape, Pad
@@ -120,7 +120,7 @@ def _imprint(scene: Scene, surface: Surface, share: float) -> Imprint:
     if scene.contact == ROLLER:
         return roller_imprint(scene, surface, share)
     angle = share * scene.angle_deg
-    x, y = turned(*PIVOT_MM, math.radians(angle))
+    x, y = rotate(*PIVOT_MM, math.radians(angle))
     center = scene.center_mm[0] + PIVOT_MM[0] - x, scene.center_mm[1] + PIVOT_MM[1] - y
     depth = depth_for_force(surface, scene.force_at(share), TILT, 0.0, scene.center_mm)
     lag = math.copysign(scene.lag_deg * (4.0 * share * (1.0 - share)), scene.angle_deg)

@@ -14,7 +14,7 @@ import numpy as np
 from drivers.clock import to_ns
 from drivers.types import Image
 from fakes.gel.sensor import GelSensor, Imprint
-from fakes.gel.variation import FAMILY, Look, coded, draw_variation
+from fakes.gel.variation import FAMILY, Look, apply_codec, draw_variation
 from fakes.objects.catalogue import GraspSite, load_catalogue
 from fakes.objects.shapes import SHAPES, ContactShape, Shape
 from fakes.objects.surfaces import GEL_HALF_MM, TEXTURES, build_surface, depth_for_force, face_surface
@@ -153,7 +153,7 @@ def hard_frames(objects: Sequence[str], seed: int) -> Iterator[list[TrainingFram
             time_s = float(rng.uniform(0.0, _LIFT_S))
             image = unit.render(imprint, time_s, rng)
             if conditions.codec is not None:
-                image = coded(image, to_ns(time_s), conditions.codec)
+                image = apply_codec(image, to_ns(time_s), conditions.codec)
             frames.append(TrainingFrame(image, background, unit.touching(imprint)[::2, ::2], name))
         yield frames
 

@@ -35,7 +35,7 @@ class Encoders:
         rng = np.random.default_rng((seed, 47))
         self._noise = rng.normal(0.0, ENCODER_RAD, (_NOISE_CYCLES, 6)).tolist()
 
-    def shown(self, joints_rad: Vector6, time_ns: int) -> Vector6:
+    def measure(self, joints_rad: Vector6, time_ns: int) -> Vector6:
         noise = self._noise[time_ns // _CYCLE_NS % _NOISE_CYCLES]
         return six(q + n for q, n in zip(joints_rad, noise, strict=True))
 
@@ -137,7 +137,7 @@ def rotation_between(start: Frame, end: Frame) -> tuple[float, float, float]:
     return turn[3], turn[4], turn[5]
 
 
-def moved(a: Frame, shift_m: tuple[float, ...], turn_rad: tuple[float, ...]) -> Frame:
+def move_frame(a: Frame, shift_m: tuple[float, ...], turn_rad: tuple[float, ...]) -> Frame:
     """Return a frame shifted by `shift_m` and turned about its own origin, both in base axes."""
     turned = compose(from_ur((0.0, 0.0, 0.0, *turn_rad)), (0.0, 0.0, 0.0, *a[3:]))
     return (a[0] + shift_m[0], a[1] + shift_m[1], a[2] + shift_m[2], *turned[3:])

@@ -152,7 +152,7 @@ class World:
 
     def _state_at(self, time_ns: int) -> WorldState:
         while self._history[-1].time_ns < time_ns:
-            self._history.append(self._stepped(self._history[-1].time_ns + STEP_NS))
+            self._history.append(self._step(self._history[-1].time_ns + STEP_NS))
         newest = self._history[-1].time_ns
         index = len(self._history) - 1 - (newest - time_ns + STEP_NS - 1) // STEP_NS
         if index < 0:
@@ -173,7 +173,7 @@ class World:
         off = abs(table_x + nearest.offset_m - x)
         return nearest if off <= REACH_OF_GRASP_M else None
 
-    def _stepped(self, time_ns: int) -> WorldState:
+    def _step(self, time_ns: int) -> WorldState:
         wrist = self.tool.tilt_at(time_ns)
         squeeze = self.squeeze_at(time_ns)
         if squeeze <= 0.0 or self.model is None:
@@ -181,7 +181,7 @@ class World:
             return WorldState(time_ns, 0.0, 0.0, wrist, 0.0, 0.0, 0.0, False)
         if self._slip is None:
             self._close_on_object(time_ns, wrist)
-        return self._held(time_ns, squeeze, wrist)
+        return self._step_held(time_ns, squeeze, wrist)
 
     def _close_on_object(self, time_ns: int, wrist_rad: float) -> None:
         site = self._reachable_site(time_ns)
@@ -193,7 +193,7 @@ class World:
             self.grasp = Grasp(site, off_m)
         self._grasp_height_m, self._grasp_tilt_rad = z, wrist_rad
 
-    def _held(self, time_ns: int, squeeze_m: float, wrist_rad: float) -> WorldState:
+    def _step_held(self, time_ns: int, squeeze_m: float, wrist_rad: float) -> WorldState:
         slip, model, grasp = self._slip, self.model, self.grasp
         if slip is None or model is None or grasp is None:
             raise DeviceError("simulated world: an object is held, but not at a grasp site")

@@ -195,7 +195,7 @@ class _Devices:
         tactile = self.config.tactile[number]
         if isinstance(tactile, FakeTactileConfig):
             world, plan = self._world, _digit_plans(self.config)[number]
-            plan = replace(plan.slowed(world.seed), variation_seed=self.variation_seed)
+            plan = replace(plan.for_lift(world.seed), variation_seed=self.variation_seed)
             return plan.make(world, self.clock, self.faults)
         if isinstance(tactile, OwnTactileConfig):
             return own_source(tactile, self.clock)

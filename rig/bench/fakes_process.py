@@ -61,7 +61,7 @@ def hosted_fakes(
         wire = WirePlan(polyscope, gripper.fingers, preset, rtu)
         fakes = FakesHost(simulated_bench_plan(config), wire, host, seed, slowness)
         try:
-            yield addressed(config, fakes.start()), fakes
+            yield with_addresses(config, fakes.start()), fakes
         finally:
             fakes.stop()
 
@@ -96,7 +96,7 @@ def started_fakes(config: BenchConfig, slowness: int = 1) -> Iterator[BenchConfi
             process.join()
 
 
-def addressed(config: BenchConfig, where: Addresses) -> BenchConfig:
+def with_addresses(config: BenchConfig, where: Addresses) -> BenchConfig:
     """Return a bench with the addresses of running fakes filled in."""
     values = config.model_dump()
     values["fakes"] = {"control": where.control}

@@ -44,14 +44,14 @@ def _doubts(config: BenchConfig) -> Iterator[str]:
     except (DeviceError, InputError) as error:
         yield str(error)
         return
-    for device, address, host in _driven(config):
+    for device, address, host in _devices(config):
         if host is not None and not is_loopback(host):
             yield f"{device} at {address} is not on this computer"
         elif address != served.get(device):
             yield f"{device} at {address} is not one of the fakes (they serve {served.get(device)})"
 
 
-def _driven(config: BenchConfig) -> Iterator[tuple[str, Any, str | None]]:
+def _devices(config: BenchConfig) -> Iterator[tuple[str, Any, str | None]]:
     """Yield each device, its address in the bench file (as JSON), and its host (None for a path)."""
     for where, device in config.devices:
         name = getattr(device, "serial", str(where[0]))

@@ -67,7 +67,7 @@ class SimulatedOperator:
             raise InputError("on this simulated bench no person can hold an object; use --bench fake")
         self._hold(object_id, base_T_tcp, opening_m, turning)
 
-    def displaced(self, why: str = DISPLACED) -> None:
+    def note_displaced(self, why: str = DISPLACED) -> None:
         """Do nothing: objects are placed again before each lift."""
 
     def nudge(self, question: str) -> Vector3 | None:
@@ -171,7 +171,7 @@ class ConsoleOperator:
         self._in_place = None
         self.look(question)
 
-    def displaced(self, why: str = DISPLACED) -> None:
+    def note_displaced(self, why: str = DISPLACED) -> None:
         self._in_place, self._before = None, why
 
     def nudge(self, question: str) -> Vector3 | None:

@@ -85,7 +85,7 @@ class CheckedDevice:
     def _move(self, what: str, *given: Any) -> Motion:
         motion = self._ask(what, *given)
         with self.reporting(what):
-            if not (callable(getattr(motion, "done", None)) and callable(getattr(motion, "wait", None))):
+            if not (callable(getattr(motion, "is_done", None)) and callable(getattr(motion, "wait", None))):
                 raise TypeError(f"{type(motion).__name__} instead of Motion")
         return _CheckedMotion(motion, self)
 
@@ -113,9 +113,9 @@ class _CheckedMotion(Motion):
     def __init__(self, motion: Any, device: CheckedDevice) -> None:
         self._motion, self._device = motion, device
 
-    def done(self) -> bool:
-        with self._device.reporting("a motion's done"):
-            return bool(self._motion.done())
+    def is_done(self) -> bool:
+        with self._device.reporting("a motion's is_done"):
+            return bool(self._motion.is_done())
 
     def wait(self, timeout_s: float) -> None:
         try:
@@ -241,7 +241,9 @@ def own_arm(arm: OwnArmConfig, limits: ArmLimits, clock: Clock) -> Arm:
     known = {"host": arm.host, "frequency_hz": arm.frequency_hz, "clock": clock}
     known["joint_limits_rad"] = arm.limits.joint_limits_rad()
     joints = {"joint_min_deg", "joint_max_deg"} & arm.limits.model_fields_set
-    driver = _made("arm", arm, Arm, ARM_METHODS, needed, known, {"joint_limits_rad"} if joints else set())
+    driver = _make_device(
+        "arm", arm, Arm, ARM_METHODS, needed, known, {"joint_limits_rad"} if joints else set()
+    )
     return cast(Arm, CheckedArm(driver, arm.driver, limits, clock))
 
 
@@ -252,7 +254,7 @@ def own_gripper(own: OwnGripperConfig, spec: GripperSpec, clock: Clock) -> Gripp
     """
     keys = ("host", "port", "device", "transport", "preset", "fingers")
     known = {key: getattr(own, key) for key in keys} | {"clock": clock}
-    driver = _made("gripper", own, Gripper, GRIPPER_METHODS, {"spec": spec}, known)
+    driver = _make_device("gripper", own, Gripper, GRIPPER_METHODS, {"spec": spec}, known)
     return cast(Gripper, CheckedGripper(driver, own.driver, spec, clock))
 
 
@@ -264,11 +266,11 @@ def own_source(config: OwnTactileConfig | OwnCameraConfig, clock: Clock) -> Tact
     serial, rate_hz = config.serial, config.rate_hz
     known = {"address": config.address, "size_px": config.size_px, "clock": clock}
     kind = TactileSensor if isinstance(config, OwnTactileConfig) else FrameSource
-    driver = _made(serial, config, kind, SOURCE_METHODS, {"serial": serial, "rate_hz": rate_hz}, known)
+    driver = _make_device(serial, config, kind, SOURCE_METHODS, {"serial": serial, "rate_hz": rate_hz}, known)
     return cast(TactileSensor, CheckedSource(driver, config.driver, serial, rate_hz, config.size_px))
 
 
-def _made(
+def _make_device(
     device: str,
     section: OwnArmConfig | OwnGripperConfig | OwnTactileConfig | OwnCameraConfig,
     protocol: type[Any],

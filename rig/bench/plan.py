@@ -71,7 +71,7 @@ def make_plan(config: BenchConfig, head: Sequence[str], motions: Sequence[Planne
         lines += [f"Fastest motion: {speed_m_s:.3f} m/s. Farthest reach: {reach_m:.2f} m.", *_limits(config)]
     if config.arm is not None and not config.arm.force_sensor:
         lines.append(UNGUARDED)
-    refused = (_refused(config, motion) for motion in motions)
+    refused = (_refusal(config, motion) for motion in motions)
     return Plan(tuple(lines), tuple(reason for reason in refused if reason))
 
 
@@ -121,7 +121,7 @@ def _limits(config: BenchConfig) -> list[str]:
     ]
 
 
-def _refused(config: BenchConfig, motion: PlannedMotion) -> str | None:
+def _refusal(config: BenchConfig, motion: PlannedMotion) -> str | None:
     """Return why a motion would be rejected, or None; the reach of a user-defined arm is unknown."""
     limits = config.arm_limits()
     low, high = limits.workspace_min_m, limits.workspace_max_m

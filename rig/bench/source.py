@@ -15,7 +15,7 @@ from typing import Protocol
 from urllib.parse import quote
 
 from drivers.bench import Bench, Hand
-from drivers.errors import DeviceError, FormatError, InputError, InvalidStateError, RecordingError, counted
+from drivers.errors import DeviceError, FormatError, InputError, InvalidStateError, RecordingError, plural
 from drivers.formats import read_json
 from drivers.images import encode_png, load_image
 from drivers.interfaces import FrameSource
@@ -64,7 +64,7 @@ class HandMemory:
         return state
 
     @contextmanager
-    def reserved(self) -> Iterator[None]:
+    def reserve(self) -> Iterator[None]:
         """Reserve the arm and its hand for this program; the system releases them when it ends in any way.
 
         A second program would end the control program of the first, whose object then stays in the air.
@@ -97,7 +97,7 @@ class HandMemory:
             with suppress(DeviceError, RecordingError):
                 write_file(self._picture(tip.sensor), encode_png(tip.sensor.newest_frame(FRAME_S).image))
 
-    def touched(self, bench: Bench) -> list[str]:
+    def tips_in_contact(self, bench: Bench) -> list[str]:
         """Return the serials of fingertips that show contact, compared with the stored no-contact frames."""
         found: list[str] = []
         for sensor in (tip.sensor for tip in bench.fingertips):
@@ -166,7 +166,7 @@ class BenchSource(Protocol):
         """Whether a fault may have left the bench in any state."""
         return False
 
-    def displaced(self) -> None:
+    def note_displaced(self) -> None:
         """Note that the object is no longer in its place."""
 
     def place_first(self, object_id: str, why: str) -> None:
@@ -195,7 +195,7 @@ class FreshBenches(BenchSource):
         bench, operator = build_bench(
             self.config, seed, lift, attempt, self.realtime, self.variation_seed, self.watch
         )
-        with bench.connected():
+        with bench.connection():
             yield bench, operator
 
 
@@ -249,8 +249,8 @@ class StandingBench(BenchSource):
         if self._memory is not None and bench.hand.state.holding is Holding.FREE:
             self._memory.keep_untouched(bench)
 
-    def displaced(self) -> None:
-        self._person.displaced()
+    def note_displaced(self) -> None:
+        self._person.note_displaced()
 
     def place_first(self, object_id: str, why: str) -> None:
         """As in `BenchSource`; an object that the hand held when the last run ended also has to be placed.
@@ -265,7 +265,7 @@ class StandingBench(BenchSource):
         if known.holding is Holding.HELD:
             why = why or f"the hand held {known.what or 'an object'} when the last run ended"
         if why:
-            self._person.displaced(why)
+            self._person.note_displaced(why)
         if why and hand.holding is Holding.FREE:
             self._person.place(object_id, find_grasp_file(object_id, self._config.objects).name)
 
@@ -276,22 +276,22 @@ class StandingBench(BenchSource):
 
     def _connect(self, bench: Bench) -> None:
         if not self._connected:
-            self._connection.enter_context(bench.connected())
+            self._connection.enter_context(bench.connection())
             self._connected = True
             # fingertips that show contact: a hand that was free may hold an object
             if self._memory is not None and bench.hand.state.holding is Holding.FREE:
-                if touched := self._memory.touched(bench):
+                if touched := self._memory.tips_in_contact(bench):
                     bench.hand.note(HandState(Holding.UNKNOWN, f"{' and '.join(touched)} show contact"))
 
     def _open(self) -> Bench:
-        config = self._session.enter_context(_reached(self._config))
+        config = self._session.enter_context(_start_fakes(self._config))
         sys.setswitchinterval(SWITCH_S)
         compute_in_one_thread()
         bench = build_real_bench(config, self._remembered_hand())
         if config.fakes is None:
             findings = first_findings(bench, config)
             if failed := [finding for finding in findings if finding.failed]:
-                devices = counted(len({finding.device for finding in findings}), "device")
+                devices = plural(len({finding.device for finding in findings}), "device")
                 raise DeviceError(
                     f"{len(failed)} of {devices} cannot be used, nothing was started: "
                     f"{'; '.join(map(str, failed))}; rig doctor gives details"
@@ -313,7 +313,7 @@ class StandingBench(BenchSource):
         self._memory = memory = _memory_of(self._config)
         if memory is None:
             return Hand(HandState(Holding.FREE))
-        self._session.enter_context(memory.reserved())
+        self._session.enter_context(memory.reserve())
         return Hand(memory.recall(), memory.keep)
 
     def _disconnect(self) -> None:
@@ -322,7 +322,7 @@ class StandingBench(BenchSource):
 
 
 @contextmanager
-def _reached(config: BenchConfig) -> Iterator[BenchConfig]:
+def _start_fakes(config: BenchConfig) -> Iterator[BenchConfig]:
     """Start the fakes of a bench file unless some are running already; yield the bench with their addresses.
 
     A bench without fakes is yielded as it is. Raises `InputError` if its fakes do not serve all devices.
@@ -345,10 +345,10 @@ def _memory_of(config: BenchConfig) -> HandMemory | None:
     return HandMemory(getattr(config.arm, "host", None) or f"bench {config.name}")
 
 
-def reserved(config: BenchConfig) -> AbstractContextManager[None]:
-    """Reserve arm and hand of a bench for this program, see `HandMemory.reserved`, if other programs can."""
+def reserve_bench(config: BenchConfig) -> AbstractContextManager[None]:
+    """Reserve arm and hand of a bench for this program, see `HandMemory.reserve`, if other programs can."""
     memory = _memory_of(config)
-    return nullcontext() if memory is None else memory.reserved()
+    return nullcontext() if memory is None else memory.reserve()
 
 
 @contextmanager
@@ -357,7 +357,7 @@ def unconnected_bench(config: BenchConfig) -> Iterator[Bench]:
     if config.in_process:
         yield build_bench(config, realtime=True)[0]
         return
-    with _reached(config) as reached:
+    with _start_fakes(config) as reached:
         yield build_real_bench(reached)
 
 

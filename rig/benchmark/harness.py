@@ -15,7 +15,7 @@ from typing import Any, Generic, TypeVar
 
 import cv2
 
-from drivers.errors import InputError, counted
+from drivers.errors import InputError, plural
 from rig.benchmark.measured import NONE, Measured
 from rig.experiments.process_pool import runner
 from rig.frames.masks import make_folder
@@ -219,7 +219,7 @@ class Run:
         lines, results = read_rows(file, Codec[_StoredCase](_StoredCase)), Codec[Result](kind)
         if lines and not self.resume:
             raise InputError(
-                f"{self.folder}: holds {counted(len(lines), 'result')}; continue with --resume, or give "
+                f"{self.folder}: holds {plural(len(lines), 'result')}; continue with --resume, or give "
                 "another folder"
             )
         if strange := [line.case for line in lines if not line.case.startswith(common)]:
@@ -228,7 +228,7 @@ class Run:
                 "with the options that it was begun with, or give another folder"
             )
         try:
-            return {line.case: results.checked(line.result) for line in lines}
+            return {line.case: results.parse_values(line.result) for line in lines}
         except ValueError as error:
             raise InputError(
                 f"{file}: its results were written by another command or version ({error}); give another "

@@ -212,7 +212,10 @@ def reaction_table(kind: ReactionKind, pairs: Sequence[Pair]) -> Table:
         slipping = [reacted for without, reacted in of if without.slips]
         cannot_hold = sum(not lift.would_hold for lift in slipping)
         added = [sum(reaction.counts_added for reaction in lift.reactions) for lift in after]
-        counts_added, fallen = (float(np.median(added)), max(added)), (_fallen(before), _fallen(after))
+        counts_added, fallen = (
+            (float(np.median(added)), max(added)),
+            (_count_fallen(before), _count_fallen(after)),
+        )
         hopeless = "slipping lifts that no allowed grip holds"
         row = [
             Cell("object_id", name, "object"),
@@ -233,7 +236,7 @@ def reaction_table(kind: ReactionKind, pairs: Sequence[Pair]) -> Table:
     )
 
 
-def _fallen(lifts: Sequence[ReactedLift]) -> int:
+def _count_fallen(lifts: Sequence[ReactedLift]) -> int:
     return sum(lift.outcome is LiftOutcome.FALLEN for lift in lifts)
 
 
@@ -250,7 +253,7 @@ def judge_lifts(pairs: Sequence[Pair]) -> list[Measured]:
     latency_ms = [1e3 * r.latency_s for r in reactions if r.latency_s is not None] + [np.inf] * late
     caught = float(np.mean([after.caught for after in slipping])) if slipping else None
     slowest = float(np.percentile(latency_ms, 99)) if latency_ms else None
-    dropped = _fallen([after for after in slipping if after.would_hold])
+    dropped = _count_fallen([after for after in slipping if after.would_hold])
     false = f"share of lifts with a reaction although the grip holds, of {len(held)}"
     return [
         at_least("share of slipping lifts caught", caught, LEAST_CAUGHT),

@@ -15,10 +15,16 @@ import cv2
 import numpy as np
 
 from drivers.clock import to_ns
-from drivers.errors import counted
+from drivers.errors import plural
 from drivers.types import Image
 from protocols.observer import Phase
-from rig.benchmark.estimators.contenders import ContenderScore, SharedContact, filtered, open_lift, score_all
+from rig.benchmark.estimators.contenders import (
+    ContenderScore,
+    SharedContact,
+    filter_samples,
+    open_lift,
+    score_all,
+)
 from rig.benchmark.estimators.study import record
 from rig.benchmark.harness import Report, Run, Study, Table
 from rig.benchmark.measured import NONE
@@ -160,7 +166,7 @@ def measure(options: TrialsOptions, run: Run) -> Report:
         for (name, window), score in scores.items()
     ]
     figures = {"lifts": len(of_plain), "frames": frames, "systems": rows, "not_trained": missing}
-    title = f"SIMULATED, {counted(len(of_plain), 'lift')}, one fingertip, phase B: the paper's Table"
+    title = f"SIMULATED, {plural(len(of_plain), 'lift')}, one fingertip, phase B: the paper's Table"
     tables = table_three(title, scores, ms, missing), table_four(title, scores, ms)
     return Report(tables, notes=_notes(frames, plain), figures=figures)
 
@@ -197,7 +203,7 @@ def pass_lift(
     recording = folder / row.recording
     lift, grasp_ns = open_lift(recording, f"{row.object}/{row.lift}"), phase_times(recording)[Phase.GRASP]
     tip = next(iter(lift.tips.values()))
-    frames = list(thinned(f for f in tip.frames if f.time_ns < lift.hold_ns))
+    frames = list(thin(f for f in tip.frames if f.time_ns < lift.hold_ns))
     states = [s for s in recorded_arm_states(recording) if s.time_ns >= grasp_ns]
     made = {name: _make_system(name, files, tip) for name in systems}
     passes: Passes = {name: list(estimate_frames(of, frames, states)) for name, of in made.items()}
@@ -206,7 +212,7 @@ def pass_lift(
         passes |= _network_passes(title, Segmenter(load_network(file), tip.background), late)
     scores = {}
     for name, window in product(passes, WINDOWS):
-        samples = filtered(name, passes[name], window)
+        samples = filter_samples(name, passes[name], window)
         track = object_angle({"": tip.sign}, {"": samples}, lift.lift_ns).tips[""]
         angles = Angles.of(track.answer(s) for s in samples if s.time_ns >= lift.lift_ns)
         true_deg = lift.truth.at(angles.time_s)
@@ -215,7 +221,7 @@ def pass_lift(
     return scores, {n: contact_ms(timed) for n, timed in passes.items()}, in_b
 
 
-def thinned(frames: Iterable[TimedFrame]) -> Iterator[TimedFrame]:
+def thin(frames: Iterable[TimedFrame]) -> Iterator[TimedFrame]:
     last_ns: int | None = None
     for frame in frames:
         if last_ns is None or frame.time_ns - last_ns >= to_ns(PERIOD_S - JITTER_S):
@@ -228,13 +234,13 @@ def _network_passes(title: str, segmenter: Segmenter, frames: Sequence[TimedFram
     finder = SharedContact(segmenter)
     estimators = {f"{title} and {m}": AxisEstimator(finder, METHODS[m]) for m in METHODS}
 
-    def segmented() -> Iterator[TimedFrame]:
+    def segment() -> Iterator[TimedFrame]:
         for frame in frames:
             if frame.image is not None:
                 finder.find(frame.image)
             yield frame
 
-    passes = estimate_together(estimators, segmented())
+    passes = estimate_together(estimators, segment())
     return {
         name: [replace(of, cost_s=(of.cost_s or 0.0) + s) for of, s in zip(timed, finder.cost_s, strict=True)]
         for name, timed in passes.items()

@@ -5,7 +5,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from calibration.camera.files import read_camera, unstated
+from calibration.camera.files import read_camera, unknown_uncertainty
 from calibration.camera.model import CameraModel
 from drivers.bench import Bench
 from drivers.errors import CalibrationError, RecordingError
@@ -73,16 +73,16 @@ class Station:
             f"camera as the bench file says: f {camera.focal_px:g} px; better: rig calibrate camera first"
         )
         model = CameraModel.pinhole(camera.size_px, camera.focal_px)
-        return replace(model, uncertainty=unstated("the bench file"))
+        return replace(model, uncertainty=unknown_uncertainty("the bench file"))
 
     def raw(self, name: str) -> Path:
-        """Return the folder for raw samples; it exists and is empty once the bench is `connected`."""
+        """Return the folder for raw samples; it exists and is empty during a `connection`."""
         folder = self.folder / f"{name}-samples"
         self._folders.append(folder)
         return folder
 
     @contextmanager
-    def connected(
+    def connection(
         self,
         introduction: str,
         from_home: bool = False,

@@ -18,7 +18,7 @@ from calibration.camera.intrinsics import (
     board_tilts_deg,
     calibrate_camera,
     camera_difference_px,
-    covered,
+    covered_share,
     most_telling,
     projection_sigma_px,
 )
@@ -153,7 +153,7 @@ def _figures(result: CameraFit, target: Target, projected_px: charts.Array) -> l
         Figure("projection_sigma_px", uncertain_px, "one sigma of a projected point", ".2f", "px"),
         Figure("tilt_spread_deg", spread_deg),
         Figure("largest_tilt_deg", largest_deg),
-        Figure("covered", covered(result)),
+        Figure("covered", covered_share(result)),
         Figure("view_rms_px", _view_rms_px(result)),
     ]
 
@@ -309,7 +309,7 @@ def collect_camera(station: Station, options: CameraOptions) -> list[Calibration
         station.note(f"{capture.id}: kept", len(kept), len(poses))
 
     if config.moves:
-        with station.connected(
+        with station.connection(
             f"The arm will visit {len(poses)} poses before the camera at up to {SPEED_M_S} m/s, tilted by up "
             f"to {_TILTS_DEG[1]:g} degrees, with the board {spec} on the tool.",
             motions=visits(left),
@@ -318,7 +318,7 @@ def collect_camera(station: Station, options: CameraOptions) -> list[Calibration
             operator.place(f"{spec}@tool", f"board {spec}, firm on the tool, facing the camera")
             capture_hand_eye(bench, lambda: left.pop(0) if left else None, keep, station.leave_out)
     else:
-        with station.connected(
+        with station.connection(
             f"Nothing moves. You hold the board {spec} before the camera, {len(poses)} times."
         ) as (bench, operator):
             for name, pose in left:
@@ -384,7 +384,7 @@ def collect_markers(station: Station, options: MarkersOptions) -> list[Calibrati
     grasps = find_grasp_file(options.object_name, config.objects)
     refuse_undrawn(config, grasps)
     raw = station.raw("markers")
-    with station.connected("Nothing moves; the camera takes pictures of an object.") as (bench, operator):
+    with station.connection("Nothing moves; the camera takes pictures of an object.") as (bench, operator):
         operator.place(grasps.id, grasps.name)
         for number, frame in enumerate(capture_still(bench, bench.camera, _STILL_FRAMES, station.show)):
             write_picture(raw / f"{number:03d}.png", frame.image)

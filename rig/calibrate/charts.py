@@ -176,7 +176,7 @@ def poses(caption: str, groups: Mapping[str, Sequence[Pose]]) -> Picture:
         axes.text(0.0, 0.0, f"grid: {step:g} m", transform=axes.transAxes)
         drawn = svg(figure, f"poses in 3D: {', '.join(shown)}")
 
-    def posed(pose: Pose) -> dict[str, list[Any]]:
+    def pose_values(pose: Pose) -> dict[str, list[Any]]:
         ends = _ends(pose, length)
         return {"at": np.round(pose.position_m, 5).tolist(), "ends": np.round(ends, 5).tolist()}
 
@@ -186,7 +186,7 @@ def poses(caption: str, groups: Mapping[str, Sequence[Pose]]) -> Picture:
         "step": step,
         "view": [_TURN_RAD, _TILT_RAD],
         "groups": [
-            {"name": name, "colour": colours[name].name, "poses": [posed(pose) for pose in group]}
+            {"name": name, "colour": colours[name].name, "poses": [pose_values(pose) for pose in group]}
             for name, group in shown.items()
         ],
     }

@@ -17,7 +17,7 @@ from calibration.store import read_yaml, write_bytes
 from calibration.targets.aruco import Refusal
 from calibration.time_offset import time_offset
 from drivers.clock import NS_PER_S
-from drivers.errors import CalibrationError, InputError, counted
+from drivers.errors import CalibrationError, InputError, plural
 from drivers.formats import read_text
 from drivers.interfaces import Arm
 from drivers.progress import steps
@@ -156,7 +156,7 @@ def collect_streams(station: Station, options: SyncOptions) -> list[CalibrationR
     watch = WiggleObserver(tips, shown=station.show, tracker=tracker, camera=camera.serial)
     by_arm = config.moves and len(tips) > 1
     if by_arm:
-        with station.connected(
+        with station.connection(
             f"The arm will hold {touch.name} and move it up and down between {1e3 * _HEIGHTS_M[0]:.0f} and "
             f"{1e3 * _HEIGHTS_M[1]:.0f} mm over the table {_STROKES} times, at up to {_SPEEDS_M_S[1]} m/s.",
             from_home=True,
@@ -166,7 +166,7 @@ def collect_streams(station: Station, options: SyncOptions) -> list[CalibrationR
             capture_wiggle(bench, operator, watch, touch, strokes(station.seed))
             station.note(f"{touch.name}: moved up and down", 1, 1)
     else:
-        with station.connected(f"Nothing moves. You turn {touch.name} by hand.") as (bench, operator):
+        with station.connection(f"Nothing moves. You turn {touch.name} by hand.") as (bench, operator):
             capture_turning_by_hand(bench, operator, watch, touch)
             station.note(f"{touch.name}: turned by hand", 1, 1)
     for name, (times, values) in watch.streams().items():
@@ -263,7 +263,7 @@ class WiggleObserver(TouchObserver):
             pictures = self._pictures.get(serial, [])
             if len(pictures) < 3:
                 raise CalibrationError(
-                    f"{serial}: {counted(len(pictures), 'frame')} of the wiggle; does it stream?"
+                    f"{serial}: {plural(len(pictures), 'frame')} of the wiggle; does it stream?"
                 )
             times = np.array([time_ns for time_ns, _ in pictures], np.int64)
             small = np.array([p.ravel() for _, p in pictures])

@@ -21,7 +21,7 @@ from calibration.gripper import (
 )
 from calibration.store import read_yaml
 from calibration.verdict import Assessment, Rejected
-from drivers.errors import InputError, counted
+from drivers.errors import InputError, plural
 from drivers.formats import number_in, read_csv_rows
 from drivers.types import Pose, Vector3
 from protocols.capture_pivot import FIRST_ABOVE_M, SPEED_M_S, capture_pivot
@@ -132,8 +132,8 @@ def collect_openings(station: Station, options: GripperOptions) -> list[Calibrat
         )
         for mm in sorted(blocks_mm)
     ]
-    with station.connected(
-        f"The fingers will close gently on {counted(len(touches), 'block')}, one by one, until "
+    with station.connection(
+        f"The fingers will close gently on {plural(len(touches), 'block')}, one by one, until "
         "both gels feel them.",
         from_home=True,
         motions=touch_motions(config, touches),
@@ -275,7 +275,7 @@ def collect_tip(station: Station, options: TipOptions) -> list[CalibrationResult
         PlannedMotion(f"{i:02d} tilted above the hole", pose, (pose,), SPEED_M_S)
         for i, pose in enumerate(planned, start=1)
     ]
-    with station.connected(
+    with station.connection(
         f"The arm will take the steps that you choose until a tip in the hand sits in a small hole on the "
         f"table, rise, tilt by up to {_LARGEST_TILT_DEG:.0f} degrees, and come back, {count} times, "
         f"at {SPEED_M_S} m/s.",

@@ -21,7 +21,7 @@ from calibration.poses import pose_from_quaternion
 from calibration.store import read_yaml
 from calibration.targets.boards import Target, View, parse_target
 from calibration.verdict import Rejected
-from drivers.errors import CalibrationError, InputError, counted
+from drivers.errors import CalibrationError, InputError, plural
 from drivers.images import read_image
 from drivers.types import Pose
 from protocols.capture_hand_eye import SPEED_M_S, HandEyeCapture, capture_hand_eye
@@ -293,8 +293,8 @@ def collect_hand_eye(station: Station, options: HandEyeOptions) -> list[Calibrat
     camera = station.camera()
     session = _Session(target, camera, options.setup, poses, options.poses, station)
     around = config.require("camera").look_at_m if mount == "tool" else config.require("table").position_m
-    with station.connected(
-        f"The arm will visit {counted(options.poses, 'pose')} around {around} m at up to {SPEED_M_S} m/s, "
+    with station.connection(
+        f"The arm will visit {plural(options.poses, 'pose')} around {around} m at up to {SPEED_M_S} m/s, "
         f"tilted by up to 35 degrees, with the target {target.spec} {where}; it chooses from these "
         "places, and leaves out what would be refused.",
         motions=visits([(f"{i:03d}", pose) for i, pose in enumerate(poses, start=1)]),

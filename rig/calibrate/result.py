@@ -89,20 +89,20 @@ class CalibrationResult:
     @property
     def value(self) -> dict[str, Any]:
         """The calibrated values of the file."""
-        return {**self.layout, **{each.name: each.value for each in self._known() if each.top}}
+        return {**self.layout, **{each.name: each.value for each in self._known_figures() if each.top}}
 
     @property
     def quality(self) -> dict[str, Any]:
         """The other values of the file."""
-        values = {each.name: each.value for each in self._known() if not each.top}
-        return values | {f"{f.name}_sigma": f.sigma for f in self._known() if f.sigma is not None}
+        values = {each.name: each.value for each in self._known_figures() if not each.top}
+        return values | {f"{f.name}_sigma": f.sigma for f in self._known_figures() if f.sigma is not None}
 
     @property
     def numbers(self) -> dict[str, str]:
         """The values of page and terminal as text, by label."""
         return {each.label: str(each) for each in self.figures if each.label and str(each)}
 
-    def _known(self) -> list[Figure]:
+    def _known_figures(self) -> list[Figure]:
         return [each for each in self.figures if each.name and each.value is not None]
 
 

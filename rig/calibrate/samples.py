@@ -11,7 +11,7 @@ from calibration.store import write_bytes
 from calibration.time_offset import TimedSignal, make_stream, turning_rate
 from calibration.verdict import Rejected
 from drivers.errors import CalibrationError, FormatError, InputError
-from drivers.formats import number_in, read_csv_rows, shown, time_ns_in, whole_in
+from drivers.formats import number_in, quote, read_csv_rows, time_ns_in, whole_in
 from drivers.images import SUFFIXES, encode_png, images_in_order
 from drivers.types import Image, Pose
 
@@ -38,7 +38,7 @@ def read_poses(path: Path, child_frame: str = "") -> tuple[dict[str, Pose], list
     others = {row.get("child_frame", "") for _, row in rows} - {"", child_frame}
     if child_frame and others:
         raise InputError(
-            f"{path}: its column child_frame says {', '.join(map(shown, sorted(others)))}, and base_T_tcp is "
+            f"{path}: its column child_frame says {', '.join(map(quote, sorted(others)))}, and base_T_tcp is "
             f"needed: convert the poses, and write '{child_frame}' in it"
         )
     poses: dict[str, Pose] = {}

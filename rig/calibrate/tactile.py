@@ -146,7 +146,7 @@ def solve_tactile(samples: Samples, options: TactileOptions) -> CalibrationResul
         used=len(fit.true_mm),
         rejected=[*presses.rejected, *fit.rejected],
         pictures=_pictures(fit, presses, scale.fitted),
-        attached={".npz": replace(look.look, about=about).packed()},
+        attached={".npz": replace(look.look, about=about).pack()},
     )
 
 
@@ -341,7 +341,7 @@ def collect_references(station: Station) -> list[CalibrationResult]:
     """
     results = []
     introduction = "Nothing moves; the fingertips take frames without contact."
-    with station.connected(introduction, asks=False) as (bench, _):
+    with station.connection(introduction, asks=False) as (bench, _):
         for tip in bench.fingertips:
             frames = [frame.image for frame in capture_still(bench, tip.sensor, _FRAMES, station.show)]
             serial = tip.sensor.serial
@@ -367,7 +367,7 @@ def collect_presses(station: Station, balls_mm: Sequence[float], count: int) -> 
     rows: dict[str, list[str]] = {tip.serial: [] for tip in config.tactile}
     touches = [touch for mm in balls_mm for touch in _places(config, mm, count, station.seed)]
     mark_m = config.require("table").position_m
-    with station.connected(
+    with station.connection(
         f"The fingers will close gently on a ball on its post, {count} times for each of "
         f"{len(balls_mm)} balls, up to {max(_REACH_MM):.0f} mm from its middle, at most "
         f"{1e3 * _GRIP_M[1]:.1f} mm past contact.",

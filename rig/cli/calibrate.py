@@ -16,7 +16,7 @@ from drivers.errors import CalibrationError, InputError
 from rig.cli.common import mark, print_result, say
 from rig.cli.helping import Commands, Group, as_command
 from rig.cli.options import BenchOption, DryRunOption, JsonOption, SeedOption, WatchOptions, YesOption
-from rig.cli.resuming import dry_run, watched
+from rig.cli.resuming import dry_run, serve_watch_page
 from rig.declared import file_place, folder_place, is_given, option
 from rig.terminal.questions import ask, ask_line
 from rig.terminal.screen import begin_phase
@@ -107,7 +107,7 @@ def _collect(
     say(title)
     with ExitStack() as stack:
         watch = WatchOptions() if station.dry else station
-        listeners = stack.enter_context(watched(context, watch, title, kind.counted, 0))
+        listeners = stack.enter_context(serve_watch_page(context, watch, title, kind.counted, 0))
         show = stack.enter_context(closing(PictureSender(listeners))) if listeners else None
         person = ConsoleOperator(ask, station.yes, ask_line)
         before = partial(dry_run, config, json=station.json) if station.dry else lambda plan: None

@@ -7,7 +7,7 @@ from pathlib import Path
 from textwrap import wrap
 from typing import TYPE_CHECKING
 
-from drivers.errors import InputError, counted
+from drivers.errors import InputError, plural
 from rig.cli.common import emit_json, mark, print_result, report_broken, report_faults, say
 from rig.cli.options import JsonOption, TopicOption
 from rig.declared import argument, file_place, folder_place, option
@@ -249,7 +249,7 @@ def _write(file: Path, text: str) -> None:
         file.write_text(text, encoding="utf-8")
     except OSError as error:
         raise InputError(f"{file}: cannot be written ({error.strerror}): choose another --out") from error
-    say(f"{counted(text.count(chr(10)) - 1, 'row')} written to {file}")
+    say(f"{plural(text.count(chr(10)) - 1, 'row')} written to {file}")
 
 
 def report_estimate(what: str, done: "EstimatedSeries", run: "Estimation") -> dict[str, object]:

@@ -33,7 +33,7 @@ class Commands(typer.Typer):
     def command(self, name: str | None = None, **settings: Any) -> Callable[[Any], Any]:
         register = super().command(name, cls=Command, **settings)
 
-        def registered(declared: Any) -> Any:
+        def register_command(declared: Any) -> Any:
             function = with_options(declared)
             # Lines of a paragraph are joined, so that typer wraps them to the width of the terminal.
             # Examples, which are indented, become paragraphs, so that it does not join them.
@@ -41,7 +41,7 @@ class Commands(typer.Typer):
             function.__doc__ = re.sub(r"(\n  \S.*)(?=\n  \S)", r"\1\n", text)
             return register(function)
 
-        return registered
+        return register_command
 
 
 class _NamesNearest:

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from drivers.errors import InputError, counted
+from drivers.errors import InputError, plural
 from rig.cli.common import NO_BROWSER, emit_json, mark, say
 from rig.cli.options import JsonOption, TopicOption
 from rig.declared import argument, option
@@ -70,7 +70,7 @@ def label_angle(options: LabelAngleOptions) -> None:
             say(NO_BROWSER)
         while (labels := server.labels_written(timeout_s=0.2)) is None:
             pass
-    say(f"{counted(labels, 'label')} written to {out}")
+    say(f"{plural(labels, 'label')} written to {out}")
     say(f"the reference, 0 degrees, is one of them: rig benchmark clips compares the other {labels - 1}")
     if options.json:
         emit_json({"out": str(out), "labels": labels, "frames": len(to_label.frames)})

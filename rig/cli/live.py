@@ -18,7 +18,7 @@ from drivers.realtime import compute_in_one_thread
 from rig.cli.common import NO_BROWSER, STOPS, Exit, mark, say
 from rig.cli.helping import Commands
 from rig.declared import argument, option
-from rig.terminal.screen import shown
+from rig.terminal.screen import show_display
 
 if TYPE_CHECKING:
     from rig.live.desk import Desk
@@ -327,7 +327,7 @@ def terminal_view() -> "Iterator[Callable[[Reading], None]]":
         else:
             display.update("\n".join(lines.values()), refresh=True)
 
-    with nullcontext() if display is None else shown(display):
+    with nullcontext() if display is None else show_display(display):
         yield show
 
 

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from drivers.errors import InputError, counted
+from drivers.errors import InputError, plural
 from rig.cli.common import print_result, report_broken, say
 from rig.cli.options import JsonOption, TopicOption
 from rig.declared import argument, file_place, option
@@ -88,7 +88,7 @@ def play(options: PlayOptions) -> None:
     begin_phase("rendering the film")
     done = write_film(shown, place, options.fps, options.speed, options.width)
     width, height = done.size_px
-    say(f"{name}: {counted(done.frames, 'frame')} of {width} x {height}, {done.codec}")
+    say(f"{name}: {plural(done.frames, 'frame')} of {width} x {height}, {done.codec}")
     if place != asked:
         say(f"note: the installed OpenCV has no H.264 encoder for .mp4: {place} is written instead")
     figures = {"frames": done.frames, "codec": done.codec, "size_px": [width, height]}

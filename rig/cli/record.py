@@ -8,12 +8,19 @@ from typing import TYPE_CHECKING, Literal
 
 import typer
 
-from drivers.errors import InputError, counted
+from drivers.errors import InputError, plural
 from rig.cli.common import mark, print_result, say
 from rig.cli.options import RunOptions
 from rig.cli.report import report_after
-from rig.cli.resuming import bench_of, continued, dry_run, may_be_continued, person_at, watched
-from rig.declared import option, resumed
+from rig.cli.resuming import (
+    bench_of,
+    dry_run,
+    may_be_continued,
+    person_at,
+    serve_watch_page,
+    session_to_continue,
+)
+from rig.declared import option, resume_options
 from rig.terminal.onlookers import announcing
 
 if TYPE_CHECKING:
@@ -84,7 +91,7 @@ def record(context: typer.Context, options: RecordOptions) -> None:
     title = f"{simulated}recording on bench '{config.name}', {folder}"
     with (
         may_be_continued(folder, options, lambda: say(simulated + _images(read_poses(folder))[1])),
-        watched(context, options, title, "poses", settings.poses) as listeners,
+        serve_watch_page(context, options, title, "poses", settings.poses) as listeners,
         session_bench(
             config, person, f"{plan.text()}\nBegin?", variation_seed=settings.variation_seed
         ) as benches,
@@ -113,10 +120,10 @@ def _prepare(context: typer.Context, options: RecordOptions) -> "tuple[Path, Rec
     config = bench_of(context, options, "rig record --by hand" if by_hand else "rig record")
     name = options.object_name
     named = None if name is None else find_grasp_file(name, config.objects).id
-    folder, stored = continued(RecordManifest, "record", config.name, options, named)
+    folder, stored = session_to_continue(RecordManifest, "record", config.name, options, named)
     if stored is not None:
         config = with_more(config, stored.config.objects)
-        options = resumed(options, stored, context)
+        options = resume_options(options, stored, context)
     if options.by == "arm":
         require_parts(config, "rig record")
     elif config.fakes is not None:
@@ -146,8 +153,8 @@ def _images(rows: "list[PoseRow]") -> tuple[dict[str, int], str]:
     poses, images = sum(row.accepted for row in rows), sum(len(row.images) for row in rows)
     rejected = sum(row.rejected_frames for row in rows)
     text = (
-        f"{counted(images, 'image')} in {counted(poses, 'pose')}, "
-        f"{counted(rejected, 'frame')} without contact rejected"
+        f"{plural(images, 'image')} in {plural(poses, 'pose')}, "
+        f"{plural(rejected, 'frame')} without contact rejected"
     )
     return {"poses_accepted": poses, "images_accepted": images, "images_rejected": rejected}, text
 
@@ -156,4 +163,4 @@ def _note(row: "PoseRow") -> str:
     where = f"{row.position} at {row.orientation_deg:+.0f} deg"
     if not row.accepted:
         return f"{where}: {row.fault}"
-    return f"{where}: {counted(len(row.images), 'image')}, {counted(row.rejected_frames, 'frame')} rejected"
+    return f"{where}: {plural(len(row.images), 'image')}, {plural(row.rejected_frames, 'frame')} rejected"

@@ -4,7 +4,7 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
-from drivers.errors import EstimatorError, InputError, counted
+from drivers.errors import EstimatorError, InputError, plural
 from rig.cli.common import emit_json, mark, report_broken, report_faults, say, trial_jobs
 from rig.cli.options import EngineOption, JsonOption, ResumeOption, SessionOptions
 from rig.cli.results import print_results, trial_table
@@ -81,7 +81,7 @@ def _replay_one(session: Path, options: ReplayOptions) -> None:
 
 def _replay_many(options: ReplayOptions) -> None:
     """Replay into one table; continue the one in --out with --resume. Raises `InputError`."""
-    from rig.cli.resuming import continued, may_be_continued, named_again
+    from rig.cli.resuming import may_be_continued, named_again, session_to_continue
     from rig.experiments.process_pool import runner
     from rig.experiments.replay import gather_sessions, plan_replays, replay_manifest, run_replays
     from rig.results.notes import row_note
@@ -91,7 +91,7 @@ def _replay_many(options: ReplayOptions) -> None:
     from rig.sessions.rows import read_rows
 
     session = SessionOptions(out=options.out, resume=options.resume, no_report=True)
-    folder, stored = continued(ReplayManifest, "replay", None, session)
+    folder, stored = session_to_continue(ReplayManifest, "replay", None, session)
     paths, estimator, window = options.sessions, options.estimator, options.window
     if stored is not None:
         paths = paths or [Path(each) for each in stored.sessions]
@@ -111,7 +111,7 @@ def _replay_many(options: ReplayOptions) -> None:
         trials = {task.trial.folder: task.trial for task in plan.tasks}
         simulated = mark(any(trial.manifest.simulated for trial in trials.values()))
         say(
-            f"{simulated}{counted(len(plan.tasks), 'lift')} of {counted(len(trials), 'session')}, "
+            f"{simulated}{plural(len(plan.tasks), 'lift')} of {plural(len(trials), 'session')}, "
             f"estimator {estimator or 'of each session'}"
         )
         for path, why in (*plan.left_out, *plan.broken):
@@ -120,9 +120,9 @@ def _replay_many(options: ReplayOptions) -> None:
             rows = run_replays(folder, plan, manifest, run, options.resume, bar.showing(row_note))
         wall_s = round(time.perf_counter() - began, 2)
         print_results(rows, options.json, [trial.manifest for trial in trials.values()])
-        say(f"{folder}/results.csv: {counted(len(rows), 'line')}, {wall_s:.1f} s")
+        say(f"{folder}/results.csv: {plural(len(rows), 'line')}, {wall_s:.1f} s")
         if options.json:
             emit_json({"out": str(folder), **results_json(rows), "wall_s": wall_s})
         report_broken([str(row["problem"]) for row in rows if row["problem"]])
         if faults := [row["estimator_fault"] for row in rows if row["estimator_fault"]]:
-            raise EstimatorError(f"done, but in {counted(len(faults), 'lift')} {faults[0]}")
+            raise EstimatorError(f"done, but in {plural(len(faults), 'lift')} {faults[0]}")

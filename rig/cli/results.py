@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from drivers.errors import counted
+from drivers.errors import plural
 from rig.cli.common import mark
 
 if TYPE_CHECKING:
@@ -23,11 +23,11 @@ def print_results(rows: "list[Line]", to_stderr: bool, stored: "Sequence[TrialMa
     """
     from rig.results.metrics import HEADING, mare_text
     from rig.results.notes import agreement_text
-    from rig.results.table import agreement, by_reaction, measured, summarize_table
+    from rig.results.table import agreement, by_reaction, has_figures, summarize_table
     from rig.terminal.tables import console_table, table_console
 
     console = table_console(to_stderr)
-    good = [row for row in rows if measured(row)]
+    good = [row for row in rows if has_figures(row)]
     if good:
         columns = ("session", "estimator", "reaction", "lifts", "phase B", "phases B and C", "answered")
         lines = []
@@ -45,7 +45,7 @@ def print_results(rows: "list[Line]", to_stderr: bool, stored: "Sequence[TrialMa
     console.print(f"estimator {estimators}{same}", highlight=False)
     lines = [f"broken: {row['problem']}" for row in rows if row["problem"]]
     if failed := [row["estimator_fault"] for row in good if row["estimator_fault"]]:
-        lines.insert(0, f"WARNING: in {counted(len(failed), 'lift')} {failed[0]}")
+        lines.insert(0, f"WARNING: in {plural(len(failed), 'lift')} {failed[0]}")
     for line in lines:
         console.print(line, highlight=False, soft_wrap=True)
 

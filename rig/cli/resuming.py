@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 import typer
 
-from drivers.errors import DeviceError, InputError, OperatorStopError, RecordingError, counted
+from drivers.errors import DeviceError, InputError, OperatorStopError, RecordingError, plural
 from rig.cli.common import Exit, mark, print_result, say
 from rig.cli.options import RunOptions, SessionOptions, WatchOptions
 from rig.cli.report import report_after
@@ -68,7 +68,7 @@ def person_at(context: typer.Context, options: RunOptions, config: "BenchConfig"
     return ConsoleOperator(ask, agreed, feeder=config.feeder)
 
 
-def continued(
+def session_to_continue(
     kind: type[Wanted], name: str, bench: str | None, session: SessionOptions, object_id: str | None = None
 ) -> tuple[Path, Wanted | None]:
     """Return the folder of a session, and the manifest of the session to resume there, or None.
@@ -116,7 +116,7 @@ def lifts_done(folder: Path, wanted: int, jobs: int) -> tuple[int, float, float 
     begun = _holds_results(folder)
     rows = read_lifts(folder) if begun else []
     done, earlier_s = sum(row.accepted for row in rows), sum((row.bench_s for row in rows), 0.0)
-    say(f"continuing {folder}: {done} of {counted(wanted, 'lift')} done")
+    say(f"continuing {folder}: {done} of {plural(wanted, 'lift')} done")
     times_s = [timing.wall_s for timing in read_timing(folder)] if begun else []
     return done, earlier_s, fmean(times_s) / jobs if times_s else None
 
@@ -147,7 +147,7 @@ def _holds_results(folder: Path) -> bool:
 
 
 @contextmanager
-def watched(
+def serve_watch_page(
     context: typer.Context, options: WatchOptions, title: str, what: str, total: int, done: int = 0
 ) -> "Iterator[tuple[Listener, ...]]":
     """Serve the page if an option asks for it; yield the listeners of lifts and poses.
@@ -175,11 +175,11 @@ def dry_run(config: "BenchConfig", plan: "Plan", json: bool) -> None:
     refused, else with 0.
     """
     from rig.bench.findings import first_findings
-    from rig.bench.source import reserved, unconnected_bench
+    from rig.bench.source import reserve_bench, unconnected_bench
     from rig.doctor.finding import print_findings
 
     begin_phase("reading the devices")
-    with reserved(config), unconnected_bench(config) as bench:
+    with reserve_bench(config), unconnected_bench(config) as bench:
         findings = first_findings(bench, config)
     figures = {
         "dry_run": True,

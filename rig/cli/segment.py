@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from drivers.errors import InputError, counted
+from drivers.errors import InputError, plural
 from rig.cli.common import emit_json, say
 from rig.cli.options import JsonOption
 from rig.declared import folder_place, option
@@ -123,7 +123,7 @@ def label(options: LabelOptions) -> None:
     kept = len(files) - proposed
     write_coco(out / COCO, labelled, f"contact labels; {proposed} of {len(files)} proposed just now")
     say(
-        f"{counted(proposed, 'label')} proposed, {kept} existing kept, in {out}; "
+        f"{plural(proposed, 'label')} proposed, {kept} existing kept, in {out}; "
         f"masks and {COCO} hold all of them"
     )
     if options.json:

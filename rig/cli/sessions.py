@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from drivers.errors import SessionError, counted
+from drivers.errors import SessionError, plural
 from drivers.progress import steps
 from rig.cli.common import emit_json, say
 from rig.cli.options import JsonOption
@@ -69,7 +69,7 @@ def sessions(options: ListOptions) -> None:
     from rig.sessions.files import RECORDINGS
     from rig.terminal.tables import console_table, table_console
 
-    entries, folder = _selected(options), options.folder
+    entries, folder = _select(options), options.folder
     console, columns = table_console(to_stderr=options.json), _columns(entries)
     if entries:
         left = [i for i, name in enumerate(columns) if name not in ("done", "refused", "MB")]
@@ -78,7 +78,7 @@ def sessions(options: ListOptions) -> None:
         console.print(console_table(list(columns), rows, left, f"sessions in {folder}; {about}"))
         size_mb = sum(entry.size_bytes for entry in entries) / MB
         console.print(
-            f"{counted(len(entries), 'session')}, {size_mb:,.0f} MB. To free the disk, delete the folder "
+            f"{plural(len(entries), 'session')}, {size_mb:,.0f} MB. To free the disk, delete the folder "
             f"{RECORDINGS} of a complete session: its results and report stay, but rig replay needs it."
         )
     else:
@@ -99,11 +99,11 @@ def sessions(options: ListOptions) -> None:
     broken = sum(entry.state == "broken" for entry in entries)
     if options.check and broken:
         raise SessionError(
-            f"{folder}: {broken} of {counted(len(entries), 'session')} broken; see the messages above"
+            f"{folder}: {broken} of {plural(len(entries), 'session')} broken; see the messages above"
         )
 
 
-def _selected(options: ListOptions) -> "list[SessionEntry]":
+def _select(options: ListOptions) -> "list[SessionEntry]":
     """Return the sessions with all of the tags and at least one of the objects, sorted.
 
     Sessions without a value in the sort column come last.
@@ -111,7 +111,7 @@ def _selected(options: ListOptions) -> "list[SessionEntry]":
     tags, names = set(options.tags or ()), {name.lower() for name in options.objects or ()}
     entries = [
         entry
-        for entry in _listed(options.folder, options.check)
+        for entry in _list(options.folder, options.check)
         if tags <= set(entry.remarks.tags) and (not names or names & entry.object_names)
     ]
     keys: dict[Sort, Callable[[SessionEntry], Any]] = {
@@ -128,7 +128,7 @@ def _selected(options: ListOptions) -> "list[SessionEntry]":
     return sorted(known, key=key, reverse=options.reverse) + without
 
 
-def _listed(folder: Path, check: bool | None) -> "list[SessionEntry]":
+def _list(folder: Path, check: bool | None) -> "list[SessionEntry]":
     from rig.experiments.process_pool import run_tasks
     from rig.results.listing import find_sessions, list_sessions
 

@@ -9,7 +9,7 @@ from rig.cli.common import Exit, mark, print_result, say
 from rig.cli.options import BenchOptions, JsonOption
 from rig.cli.resuming import dry_run
 from rig.declared import argument, option
-from rig.terminal.questions import ask, press, waited
+from rig.terminal.questions import ask, press, show_question
 from rig.terminal.screen import begin_phase
 
 
@@ -62,7 +62,7 @@ def teach(what: TeachOptions, bench: BenchOptions, json: JsonOption = False) -> 
     lesson = teaching.Lesson(config, grasps, places, what.by == "hand", what.timeout, what.lift_height)
     if bench.dry:
         dry_run(config, teaching.teaching_plan(lesson), json)
-    person = ConsoleOperator(ask, agreed=bench.yes, wait=waited, press=press)
+    person = ConsoleOperator(ask, agreed=bench.yes, wait=show_question, press=press)
     begin_phase("preparing the bench")
     found = teaching.teach(lesson, person, say, bench.seed)
     good = [each for each in found if not each.problems]

@@ -8,22 +8,22 @@ from typing import TYPE_CHECKING, Literal
 
 import typer
 
-from drivers.errors import counted
+from drivers.errors import plural
 from rig.cli.common import Exit, emit_json, mark, report_faults, say, trial_jobs
 from rig.cli.options import RunOptions
 from rig.cli.report import report_after
 from rig.cli.results import print_limits, trial_table
 from rig.cli.resuming import (
     bench_of,
-    continued,
     dry_run,
     lifts_done,
     may_be_continued,
     named_again,
     person_at,
-    watched,
+    serve_watch_page,
+    session_to_continue,
 )
-from rig.declared import option, resumed
+from rig.declared import option, resume_options
 from rig.terminal.onlookers import announcing
 from rig.terminal.screen import begin_phase
 
@@ -140,7 +140,7 @@ def trial(context: typer.Context, options: TrialOptions) -> None:
     summary = _lift_all(context, lifting, began)
     wall_s = time.perf_counter() - began
     trial_table(summary, lifting.simulated, wall_s, options.json, lifting.earlier_s)
-    judged = _judged(lifting)
+    judged = _apply_limits(lifting)
     print_limits(judged, options.json)
     page = report_after(lifting.folder, options.no_report)
     if options.json:
@@ -156,14 +156,14 @@ def trial(context: typer.Context, options: TrialOptions) -> None:
         raise typer.Exit(Exit.LIMIT_MISSED)
 
 
-def _judged(lifting: "_Trial") -> "list[Judged]":
+def _apply_limits(lifting: "_Trial") -> "list[Judged]":
     """Compare the finished trial with its limits; write `limits.jsonl` and, for CI systems, `limits.xml`."""
-    from rig.results.limits import json_lines, judged, junit_xml
+    from rig.results.limits import apply_limits, json_lines, junit_xml
     from rig.sessions.files import write_file
     from rig.sessions.rows import read_lifts, read_timing
 
     folder = lifting.folder
-    found = judged(lifting.settings.bench.limits, read_lifts(folder), read_timing(folder))
+    found = apply_limits(lifting.settings.bench.limits, read_lifts(folder), read_timing(folder))
     if found:
         write_file(folder / "limits.jsonl", json_lines(found).encode())
         write_file(folder / "limits.xml", junit_xml(found, folder.name).encode())
@@ -218,11 +218,11 @@ def _prepare(context: typer.Context, options: TrialOptions) -> _Trial:
 
     options.remarks()  # an invalid one is reported first
     config = bench_of(context, options, "rig trial")
-    folder, stored = continued(TrialManifest, "trial", config.name, options)
+    folder, stored = session_to_continue(TrialManifest, "trial", config.name, options)
     if stored is not None:
         config = with_more(config, stored.config.objects)
         named_again(options.estimator, stored.estimator)
-        options = resumed(options, stored, context)
+        options = resume_options(options, stored, context)
     choice = choose_estimator(options.estimator, options.window, not options.no_skip)
     slip = SlipSettings(options.alarms_per_hour, options.max_turn_deg)
     kind = ReactionKind(options.react)
@@ -250,7 +250,7 @@ def _prepare(context: typer.Context, options: TrialOptions) -> _Trial:
     wanted = len(objects) * options.lifts
     parallel = f", {min(jobs, wanted)} at a time" if min(jobs, wanted) > 1 else ""
     say(
-        f"{counted(wanted, 'lift')} of {counted(len(objects), 'object')}{parallel}; "
+        f"{plural(wanted, 'lift')} of {plural(len(objects), 'object')}{parallel}; "
         "the remaining time is shown from the first lift on"
     )
     # Each worker loads the loops of `slip` itself; a dry run does not need them.
@@ -278,7 +278,7 @@ def _lift_all(context: typer.Context, trial: _Trial, began: float) -> "TrialSumm
 
     def show_partial() -> None:
         summary = summarize_trial(read_lifts(folder))
-        say(f"{summary.lifts_accepted} of {counted(trial.wanted, 'lift')} are done")
+        say(f"{summary.lifts_accepted} of {plural(trial.wanted, 'lift')} are done")
         if summary.objects:
             wall_s = time.perf_counter() - began
             trial_table(summary, trial.simulated, wall_s, options.json, trial.earlier_s)
@@ -288,7 +288,7 @@ def _lift_all(context: typer.Context, trial: _Trial, began: float) -> "TrialSumm
     person, message = person_at(context, options, config), OneMessage(lift_note, fault)
     with (
         may_be_continued(folder, options, show_partial),
-        watched(context, options, title, "lifts", trial.wanted, trial.done) as others,
+        serve_watch_page(context, options, title, "lifts", trial.wanted, trial.done) as others,
         session_bench(config, person, question, settings.realtime) as benches,
         open_inbox() as inbox,
         TrialView(trial.wanted, inbox, message, trial.done, trial.usual_s) as view,

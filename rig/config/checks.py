@@ -54,7 +54,7 @@ def inconsistencies(config: BenchConfig) -> Iterator[KeyFault]:
             yield from _tactile(device, where)
         else:
             yield from _camera(device)
-    yield from _served(config)
+    yield from _keys_without_effect(config)
     yield from _parts(config)
     yield from _fingertips(config)
     yield from _kinds(config)
@@ -150,7 +150,7 @@ def _camera(camera: CameraConfig) -> Iterator[KeyFault]:
         )
 
 
-def _served(config: BenchConfig) -> Iterator[KeyFault]:
+def _keys_without_effect(config: BenchConfig) -> Iterator[KeyFault]:
     """Yield the keys that [fakes] gives a meaning or takes it: addresses of devices, looks of their gels."""
     started = config.fakes is not None and config.fakes.control is None
     for where, device in config.devices:

@@ -7,7 +7,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from drivers.errors import InputError, counted, no_such, unknown_name
+from drivers.errors import InputError, no_such, plural, unknown_name
 from drivers.formats import MOST_TOML_BYTES, parse_toml, read_text
 from rig.config.checks import inconsistencies
 from rig.config.devices import TactileConfig
@@ -54,7 +54,7 @@ def parse_bench(text: str, name: str) -> BenchConfig:
     """Read the text of a bench file; `name` is its name in messages. Raises `InputError`."""
     values = parse_toml(text, name)
     if to_enter := list(_placeholders(values, ())):
-        left = counted(len(to_enter), "value")
+        left = plural(len(to_enter), "value")
         raise refusal(name, to_enter, text, f"{name}: {left} to enter; nothing was connected")
     if elsewhere := [((key,), FOUND_ELSEWHERE[key]) for key in FOUND_ELSEWHERE if key in values]:
         raise refusal(name, elsewhere, text)

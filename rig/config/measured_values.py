@@ -10,7 +10,7 @@ from typing import Any, Self, TypeVar
 
 import numpy as np
 
-from calibration.camera.files import calibrated
+from calibration.camera.files import camera_of
 from calibration.camera.model import CameraModel, CameraUncertainty
 from calibration.gel.look import GelLook, load_look, look_file
 from calibration.gel.noise import CameraNoise
@@ -182,7 +182,7 @@ def hash_of(path: Path, look: Path | None) -> str:
 
 
 def _camera(path: Path, file: CalibrationFile) -> CameraModel:
-    return calibrated(file, str(path))
+    return camera_of(file, str(path))
 
 
 def _pose(path: Path, file: CalibrationFile) -> Pose:
@@ -236,7 +236,7 @@ def _on_black(look: GelLook) -> GelLook:
         look.by_background,
         look.shadows,
         look.mm_per_px,
-        CameraNoise.uncorrelated(look.noise.colours),
+        CameraNoise.independent(look.noise.colours),
         None,
     )
 

@@ -9,8 +9,8 @@ from typing import Any, get_args
 
 from pydantic import BaseModel, ValidationError
 
-from drivers.errors import FileFaultsError, FormatError, counted, nearest
-from drivers.formats import parse_toml, shown
+from drivers.errors import FileFaultsError, FormatError, nearest, plural
+from drivers.formats import parse_toml, quote
 from drivers.named_classes import file_hint
 from rig.config.devices import (
     OWN,
@@ -95,7 +95,7 @@ def _name_value(given: object) -> str:
         return "a table"
     if isinstance(given, list) and any(isinstance(each, Mapping) for each in given):
         return "a list of tables"
-    return json.dumps(given) if given is None or isinstance(given, bool) else shown(given)
+    return json.dumps(given) if given is None or isinstance(given, bool) else quote(given)
 
 
 def path_of(details: Any) -> list[str | int]:
@@ -111,7 +111,7 @@ def _fault(details: Any, model: type[BaseModel], known: set[str]) -> KeyFault:
         return fault_of(details)
     if isinstance(path[-1], int):
         return path[:-1], f"has only {path[-1]} of its entries"
-    return path, f"is missing{_wanted(_model_of(loc, model), path)}"
+    return path, f"is missing{_what_to_write(_model_of(loc, model), path)}"
 
 
 def _driver(path: KeyPath, given: object) -> KeyFault:
@@ -134,7 +134,7 @@ def _unknown(loc: KeyPath, known: set[str]) -> str:
     return f"unknown key{nearest(key, known - {key})}"
 
 
-def _wanted(model: type[BaseModel], path: KeyPath) -> str:
+def _what_to_write(model: type[BaseModel], path: KeyPath) -> str:
     """Return what to write for a missing key, "" if its name is enough."""
     key = str(path[-1])
     field = model.model_fields.get(key)
@@ -183,9 +183,9 @@ def refusal(
         place = name if source is None else place_of(name, source, path)
         lines.append(f"{place}: {'.'.join(map(str, path)) or 'file'}: {why}")
     if len(faults) > MOST_FAULTS:
-        lines.append(f"{name}: and {counted(len(faults) - MOST_FAULTS, 'more fault')}")
+        lines.append(f"{name}: and {plural(len(faults) - MOST_FAULTS, 'more fault')}")
     if head or len(faults) > 1:
-        lines.insert(0, head or f"{name}: {counted(len(faults), 'fault')}")
+        lines.insert(0, head or f"{name}: {plural(len(faults), 'fault')}")
     return FileFaultsError(lines)
 
 
@@ -212,7 +212,7 @@ def line_of(text: str, path: KeyPath) -> int:
     and bench files are short.
     """
     wanted = _present_part(parse_toml(text, ""), path)
-    for begin, document in _grown(text) if wanted else ():
+    for begin, document in _parse_growing(text) if wanted else ():
         if _present_part(document, wanted) == wanted:
             rest = enumerate(text.split("\n")[begin:], begin + 1)
             return next(number for number, line in rest if _has_content(line))
@@ -220,7 +220,7 @@ def line_of(text: str, path: KeyPath) -> int:
 
 
 @lru_cache(maxsize=1)
-def _grown(text: str) -> list[tuple[int, Any]]:
+def _parse_growing(text: str) -> list[tuple[int, Any]]:
     """Return the document up to each line, with the number of lines before its last statement."""
     lines, readable = text.split("\n"), 0
     grown: list[tuple[int, Any]] = []

@@ -140,9 +140,9 @@ def with_position(text: str, name: str, values: Mapping[str, float], where: str)
     named = [number for number, pair in enumerate(found) if pair == ("name", name)]
     block = next((b for b in _blocks(lines) if any(number in b for number in named)), None)
     if block is None:
-        lines = _added(lines, name, values)
+        lines = _add(lines, name, values)
     else:
-        lines[block.start : block.stop] = _changed(lines[block.start : block.stop], values)
+        lines[block.start : block.stop] = _change(lines[block.start : block.stop], values)
     changed = "\n".join(lines) + "\n"
     read = parse_object(changed, where)
     place = next((position for position in read.position if position.name == name), None)
@@ -160,7 +160,7 @@ def _blocks(lines: list[str]) -> list[range]:
     return found
 
 
-def _changed(block: list[str], values: Mapping[str, float]) -> list[str]:
+def _change(block: list[str], values: Mapping[str, float]) -> list[str]:
     """Change the existing lines of a position, and append the other keys after the last of them."""
     left, lines, last = dict(values), [], 0
     for line in block:
@@ -180,7 +180,7 @@ def _with_value(line: re.Match[str], value: float) -> str:
     return f"{written:<{column}} {comment}" if comment else written
 
 
-def _added(lines: list[str], name: str, values: Mapping[str, float]) -> list[str]:
+def _add(lines: list[str], name: str, values: Mapping[str, float]) -> list[str]:
     new = ["[[position]]", f'name = "{name}"', *(f"{key} = {value:g}" for key, value in values.items()), ""]
     blocks = _blocks(lines)
     end = blocks[-1].stop if blocks else len(lines)

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from drivers.errors import CalibrationError, DeviceError, InputError, RecordingError
 from rig.bench.findings import Finding, Severity, assess
-from rig.bench.source import reserved, unconnected_bench
+from rig.bench.source import reserve_bench, unconnected_bench
 from rig.config import BenchConfig
 from rig.config.extras import pip_line
 from rig.config.parts import lacking, working
@@ -167,7 +167,7 @@ def examine(
     yield from look_at_calibrations(bench_folder / "calibrations", serials)
     with ExitStack() as connected:
         try:
-            connected.enter_context(reserved(config))
+            connected.enter_context(reserve_bench(config))
         except (DeviceError, RecordingError) as error:
             seen, _, todo = str(error).partition("; ")
             yield Finding("bench", "use", Severity.FAILURE, seen, todo)

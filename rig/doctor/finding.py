@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from rich.text import Text
 
-from drivers.errors import counted
+from drivers.errors import plural
 from rig.bench.findings import Finding
 from rig.terminal.tables import table_console
 
@@ -39,7 +39,7 @@ def print_findings(findings: Sequence[Finding], verdict: str = "") -> None:
     for finding in sorted(findings, key=lambda each: order.index(each.verdict)):
         device, check = _name(finding)
         name = f"  {device:{devices}}  {check:{checks}}  "
-        first, *more = _folded(finding.seen, console.width, len(f"{finding.verdict:7}{name}"))
+        first, *more = _fold(finding.seen, console.width, len(f"{finding.verdict:7}{name}"))
         line = Text(f"{finding.verdict:7}", COLOURS[finding.verdict])
         line.append(name + first, "default")
         for rest in more:
@@ -55,7 +55,7 @@ def print_findings(findings: Sequence[Finding], verdict: str = "") -> None:
         console.print(f"- {', '.join(where)}: {todo}", highlight=False)
 
 
-def _folded(text: str, width: int, indent: int) -> list[str]:
+def _fold(text: str, width: int, indent: int) -> list[str]:
     """Return the lines of a text that begins at column `indent`, or below if little room is left there."""
     begin = indent if width - indent >= LEAST_ROOM else 4
     lines = wrap(text, max(width - begin, 1), break_long_words=False, break_on_hyphens=False) or [""]
@@ -71,7 +71,7 @@ def verdict_on(findings: Sequence[Finding]) -> str:
     """Return whether the bench is fit for a trial, or for its own commands, and count the problems."""
     counts = {kind: sum(each.verdict == kind for each in findings) for kind in ("failure", "warning")}
     use = "what this bench can do" if any(each.device == "bench" for each in findings) else "a trial"
-    amiss = ", ".join(counted(n, kind) for kind, n in counts.items() if n)
+    amiss = ", ".join(plural(n, kind) for kind, n in counts.items() if n)
     if counts["failure"]:
         return f"not fit for {use}: {amiss}"
     return f"fit for {use}, with {amiss}" if amiss else f"fit for {use}"

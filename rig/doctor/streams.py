@@ -55,7 +55,7 @@ def look_at_streams(
         if read_source(source, clock, findings) is not None:
             opened.append(source)
     with ThreadPoolExecutor(max(len(opened), 1)) as pool:
-        looks = list(pool.map(lambda source: _watched(source, clock, duration_s), opened))
+        looks = list(pool.map(lambda source: _watch(source, clock, duration_s), opened))
     for source, stream in zip(opened, looks, strict=True):
         if isinstance(stream, RigError):
             findings.append(Finding(source.serial, "frames", Severity.FAILURE, str(stream)))
@@ -65,13 +65,13 @@ def look_at_streams(
             _age(source, stream),
             assess_picture(stream.last, sizes_px[source.serial]),
         ]
-        findings += _counted(source, stream.counted)
+        findings += _counter_findings(source, stream.counted)
         if snapshot is not None:
-            findings.append(_saved(snapshot, stream.last))
+            findings.append(_save(snapshot, stream.last))
     return findings
 
 
-def _watched(source: FrameSource, clock: Clock, duration_s: float) -> SourceRecord | RigError:
+def _watch(source: FrameSource, clock: Clock, duration_s: float) -> SourceRecord | RigError:
     times, ages, tally = [], [], FrameTally()
     try:
         last = source.newest_frame(1.0)
@@ -111,7 +111,7 @@ def _age(source: FrameSource, stream: SourceRecord) -> Finding:
     return assess(source.serial, "latency", figures["p95_ms"] <= OLD_MS, seen, todo, figures)
 
 
-def _counted(source: FrameSource, counted: dict[str, int]) -> list[Finding]:
+def _counter_findings(source: FrameSource, counted: dict[str, int]) -> list[Finding]:
     if not counted:
         return []
     amiss = {name: count for name, count in counted.items() if count and name not in ("frames", "warm_up")}
@@ -120,7 +120,7 @@ def _counted(source: FrameSource, counted: dict[str, int]) -> list[Finding]:
     return [assess(source.serial, "counters", not amiss, seen, todo, counted)]
 
 
-def _saved(folder: Path, frame: Frame) -> Finding:
+def _save(folder: Path, frame: Frame) -> Finding:
     path = folder / f"{frame.serial}.png"
     try:
         folder.mkdir(parents=True, exist_ok=True)

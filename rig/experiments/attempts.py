@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Generic, TypeVar
 
-from drivers.errors import DeviceError, counted, without_values
+from drivers.errors import DeviceError, plural, without_values
 from protocols.operator import DISPLACED
 from rig.bench.source import BenchSource
 from rig.experiments.process_pool import run_tasks
@@ -168,8 +168,8 @@ def _repeat_until_accepted(
         if faults >= MAX_FAULTS_IN_A_ROW:
             which = "all the same" if len(kinds) == 1 else "the last"
             raise DeviceError(
-                f"{run.session}: {counted(faults, 'rig fault')} in a row, {which}: {attempt.fault}; "
-                f"{done} of {counted(total, run.piece)} are done: fix the fault, then continue with --resume"
+                f"{run.session}: {plural(faults, 'rig fault')} in a row, {which}: {attempt.fault}; "
+                f"{done} of {plural(total, run.piece)} are done: fix the fault, then continue with --resume"
             )
 
 

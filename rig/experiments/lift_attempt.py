@@ -79,7 +79,7 @@ def attempt_lift(
         for series in (lift.angles or {}).values():
             recording.store(series)
         if lift.displaced:
-            benches.displaced()
+            benches.note_displaced()
     timing = LiftTiming(
         number=task.number,
         attempt=task.attempt,

@@ -70,7 +70,7 @@ def run_in_order(work: Callable[[Task], Result], tasks: Sequence[Task], jobs: in
     several jobs the caller must have called `compute_in_one_thread`.
     """
     fork, jobs = threading.active_count() == 1, max(1, min(jobs, len(tasks)))
-    results = run_tasks(partial(_numbered, work), list(enumerate(tasks)), jobs, fork)
+    results = run_tasks(partial(_run_numbered, work), list(enumerate(tasks)), jobs, fork)
     early: dict[int, Result] = {}
     next_one = 0
     for _, (number, result) in steps(results, len(tasks)):
@@ -80,7 +80,7 @@ def run_in_order(work: Callable[[Task], Result], tasks: Sequence[Task], jobs: in
             next_one += 1
 
 
-def _numbered(work: Callable[[Task], Result], task: tuple[int, Task]) -> tuple[int, Result]:
+def _run_numbered(work: Callable[[Task], Result], task: tuple[int, Task]) -> tuple[int, Result]:
     return task[0], work(task[1])
 
 

@@ -274,7 +274,7 @@ def attempt_pose(
         except DeviceError as error:
             fault = fault_text(error)
     if fault:
-        benches.displaced()
+        benches.note_displaced()
     images, files = ((), {}) if fault else _images(settings.grasps, task.number, observer)
     row = PoseRow(
         pose=task.number,
@@ -346,7 +346,7 @@ class PoseCapture(CaptureObserver):
     def want(self, images: int, grip_steps: int | None = None, serial: str | None = None) -> None:
         self._wanted, self._grip_steps, self._serial = len(self.taken) + images, grip_steps, serial
 
-    def satisfied(self) -> bool:
+    def is_complete(self) -> bool:
         return len(self.taken) >= self._wanted
 
     def touching(self, serial: str) -> bool:
@@ -363,7 +363,7 @@ class PoseCapture(CaptureObserver):
             return
         area = finder.find(frame.image).area_px
         self._touches.setdefault(frame.serial, TouchDebounce()).update(area > 0)
-        if self.satisfied() or not self._due(frame):
+        if self.is_complete() or not self._due(frame):
             return
         if area > 0:
             self.taken.append((frame, self._grip_steps, area))

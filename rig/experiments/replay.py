@@ -24,12 +24,12 @@ from rig.results.table import (
     Agreement,
     agreement,
     broken_row,
-    compared,
+    compare_lifts,
     session_cells,
     table_row,
     unread_row,
 )
-from rig.sessions.manifest import ReplayManifest, TrialManifest, begun, read_manifest
+from rig.sessions.manifest import ReplayManifest, TrialManifest, begin_manifest, read_manifest
 from rig.sessions.reading import show_again
 from rig.sessions.recording_file import Gaps, gaps_text
 from rig.sessions.records import Lift, ReplayTiming
@@ -80,7 +80,7 @@ def run_replay(
     if not rows:
         raise SessionError(problems[0])
     in_order = [rows[number] for number in sorted(rows)]
-    cells = [compared(row, stored[row.number]) for row in in_order if trial.own_estimator]
+    cells = [compare_lifts(row, stored[row.number]) for row in in_order if trial.own_estimator]
     return Replay(summarize_trial(in_order), in_order, agreement(cells), tuple(problems))
 
 
@@ -203,7 +203,9 @@ def run_replays(
 def replay_manifest(folders: list[Path], estimator: str | None, window: int | None) -> ReplayManifest:
     """Return the manifest of a new table: the request, which must be the same to continue it."""
     sessions = tuple(str(folder) for folder in folders)
-    return ReplayManifest(**vars(begun("replay")), sessions=sessions, estimator=estimator, window=window)
+    return ReplayManifest(
+        **vars(begin_manifest("replay")), sessions=sessions, estimator=estimator, window=window
+    )
 
 
 def replay_task(task: ReplayTask) -> Line:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from drivers.errors import SessionError, counted
+from drivers.errors import SessionError, plural
 from drivers.images import image_flaw, load_image
 from drivers.types import Image
 from protocols.observer import Phase
@@ -122,4 +122,4 @@ def _write_images(request: ExportRequest, notes: "Counter[str]") -> Iterator[tup
 def _describe(request: ExportRequest, notes: "Counter[str]") -> tuple[str, ...]:
     """Return the number of images for each origin of their masks."""
     mark = simulated_mark(request.manifest)
-    return tuple(f"{mark}{counted(count, 'image')}, {note}" for note, count in sorted(notes.items()))
+    return tuple(f"{mark}{plural(count, 'image')}, {note}" for note, count in sorted(notes.items()))

@@ -7,7 +7,7 @@ from pathlib import Path
 from drivers.errors import SessionError
 from rig.config import BenchConfig
 from rig.sessions.manifest import BenchManifest, RecordManifest, TrialManifest, read_manifest_of
-from rig.sessions.records import Lift, PoseRow, finished
+from rig.sessions.records import Lift, PoseRow, accepted_lifts
 from rig.sessions.rows import read_usable_lifts, read_usable_poses
 
 CAMERA = "camera"
@@ -31,7 +31,7 @@ class ExportRequest:
 
     @property
     def finished_lifts(self) -> list[Lift]:
-        return finished(self.lifts)
+        return accepted_lifts(self.lifts)
 
     @property
     def accepted_poses(self) -> list[PoseRow]:

@@ -29,7 +29,7 @@ import numpy as np
 from numpy.lib import format as npy
 from numpy.typing import NDArray
 
-from drivers.errors import FormatError, InputError, counted, no_such
+from drivers.errors import FormatError, InputError, no_such, plural
 from drivers.formats import MOST_PIXELS, check_zip, read_json, reason
 from drivers.images import SUFFIXES, require_same_aspect
 from drivers.types import Image
@@ -139,13 +139,13 @@ def require_clip(path: Path) -> None:
 
 def array_shape(path: Path) -> tuple[int, int, int]:
     """Return the number of frames, their height and their width. Raises `InputError`."""
-    with _opened(path) as (_, shape):
+    with _open_array(path) as (_, shape):
         return shape
 
 
 def array_frames(path: Path) -> Iterator[Image]:
     """Yield the frames one by one, (H, W, 3) uint8 RGB, without loading all. Raises `InputError`."""
-    with _opened(path) as (stream, (count, height, width)):
+    with _open_array(path) as (stream, (count, height, width)):
         for _ in range(count):
             data = stream.read(height * width * 3)
             if len(data) < height * width * 3:
@@ -154,7 +154,7 @@ def array_frames(path: Path) -> Iterator[Image]:
 
 
 @contextmanager
-def _opened(path: Path) -> Iterator[tuple[IO[bytes], tuple[int, int, int]]]:
+def _open_array(path: Path) -> Iterator[tuple[IO[bytes], tuple[int, int, int]]]:
     """Open a file and read its array's header; give the stream at the first frame, and (T, H, W)."""
     try:
         with ExitStack() as stack:
@@ -218,7 +218,7 @@ def trial_turns_deg(folder: Path, frames: int) -> NDArray[np.float64]:
     poses = _matrices(path, _array(path))
     if len(poses) != frames:
         raise InputError(
-            f"{path}: {counted(len(poses), 'pose')} for {counted(frames, 'frame')}: copy the trial again"
+            f"{path}: {plural(len(poses), 'pose')} for {plural(frames, 'frame')}: copy the trial again"
         )
     turns_deg = []
     for pose in poses:  # the rotation about z is the twist of the swing-twist decomposition

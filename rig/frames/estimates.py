@@ -11,7 +11,7 @@ from typing import Protocol
 import numpy as np
 
 from calibration.store import load
-from drivers.errors import CalibrationError, FormatError, InputError, counted
+from drivers.errors import CalibrationError, FormatError, InputError, plural
 from drivers.progress import steps
 from drivers.types import ArmState, Image
 from rig.frames.of_session import SessionSeries
@@ -65,7 +65,7 @@ class TimedImage(Protocol):
 class Estimate:
     """The estimates of one series.
 
-    times, samples: of the frames, in order. zero: time of the frame whose angle is 0, see `zeroed`; None
+    times, samples: of the frames, in order. zero: time of the frame whose angle is 0, see `apply_zero`; None
     without one, the angles are then the estimator's own. zero_note: which frame that is.
     """
 
@@ -147,11 +147,11 @@ def estimate_series(
 
     count: number of frames, if known, for the display of progress.
     """
-    pairs = [(frame.time, sample) for frame, sample in _estimated(series, estimator, count)]
+    pairs = [(frame.time, sample) for frame, sample in _estimate_pairs(series, estimator, count)]
     return Estimate(tuple(time for time, _ in pairs), tuple(sample for _, sample in pairs))
 
 
-def _estimated(
+def _estimate_pairs(
     series: Iterable[TimedFrame], estimator: TactileEstimator, count: int | None
 ) -> Iterator[tuple[TimedFrame, SlipSample]]:
     frames, shown = tee(steps(series, count))
@@ -167,14 +167,14 @@ def estimate_checked(
     """
     times, samples = list[FrameTime](), list[SlipSample]()
 
-    def estimated() -> Iterator[TimedFrame]:
-        for frame, sample in _estimated(series, estimator, series.count):
+    def estimate_each() -> Iterator[TimedFrame]:
+        for frame, sample in _estimate_pairs(series, estimator, series.count):
             times.append(frame.time)
             samples.append(sample)
             yield frame
 
     check = BackgroundCheck(background)
-    for frame in evenly_spread(estimated(), CHECKED_FRAMES):
+    for frame in evenly_spread(estimate_each(), CHECKED_FRAMES):
         if frame.image is not None:
             check.check(frame.image, frame.time_ns)
     found = Estimate(tuple(times), tuple(samples))
@@ -196,7 +196,7 @@ def frame_ms(times_ms: Sequence[float]) -> tuple[float, float, float] | None:
     return median_ms, p90_ms, p99_ms
 
 
-def zeroed(
+def apply_zero(
     estimate: Estimate,
     reference: FrameTime | None,
     keep_zero: bool = False,
@@ -217,7 +217,7 @@ def zeroed(
     samples = []
     for sample, slip in zip(estimate.samples, slips(estimate.samples, lift_ns), strict=True):
         shift_px = sample.shift_px and (sample.shift_px[0] - x, sample.shift_px[1] - y)
-        samples.append(replace(sample.turned(sign, zero_deg, zero), shift_px=shift_px, slip=slip))
+        samples.append(replace(sample.since_zero(sign, zero_deg, zero), shift_px=shift_px, slip=slip))
     return Estimate(estimate.times, tuple(samples), None if place is None else estimate.times[place], note)
 
 
@@ -232,12 +232,12 @@ def rows(estimate: Estimate, mm_per_px: tuple[float, float] | None = None) -> li
         found.append(
             {
                 "t_s": time.text,
-                "angle_deg": _rounded(sample.angle_deg),
-                "sigma_deg": _rounded(sample.sigma_deg),
+                "angle_deg": _round(sample.angle_deg),
+                "sigma_deg": _round(sample.sigma_deg),
                 "state": sample.state.value,
-                "rate_deg_s": _rounded(sample.rate_deg_s),
-                "shift_x_px": _rounded(x),
-                "shift_y_px": _rounded(y),
+                "rate_deg_s": _round(sample.rate_deg_s),
+                "shift_x_px": _round(x),
+                "shift_y_px": _round(y),
                 "slip": None if sample.slip is None else int(sample.slip),
             }
         )
@@ -265,7 +265,7 @@ def shift_mm(
     """Return a shift in mm, right and down; None for both if it is unknown."""
     if shift_px is None:
         return None, None
-    return _rounded(shift_px[0] * mm_per_px[0]), _rounded(shift_px[1] * mm_per_px[1])
+    return _round(shift_px[0] * mm_per_px[0]), _round(shift_px[1] * mm_per_px[1])
 
 
 def table(rows: Sequence[dict[str, object]]) -> str:
@@ -294,7 +294,7 @@ def figures(estimate: Estimate) -> EstimateFigures:
     )
 
 
-def _rounded(value: float | None) -> float | None:
+def _round(value: float | None) -> float | None:
     return None if value is None else round(value, 4)
 
 
@@ -419,7 +419,7 @@ class EstimatedSeries:
                 sigma = "" if sample.sigma_deg is None else f", sigma {sample.sigma_deg:.2f}"
                 last = f"last angle: {sample.angle_deg:+.2f} deg{sigma}, at {time.text} s"
         return [
-            f"{counted(found.frames, 'frame')}, {found.answered} answered, refused: {refused}",
+            f"{plural(found.frames, 'frame')}, {found.answered} answered, refused: {refused}",
             f"angles from {self.angles_from}; {timed}",
             f"0 degrees is {found.reference}{zero}",
             *([slip] if slip else []),
@@ -437,14 +437,14 @@ class EstimatedSeries:
         if note := sparse_note([time.time_ns for time in self.estimate.times]):
             more.append(note)
         if found.unreadable:
-            more.append(f"{counted(found.unreadable, 'frame')} could not be read: 'lost' in the table")
+            more.append(f"{plural(found.unreadable, 'frame')} could not be read: 'lost' in the table")
         if found.jumped:
             more.append(
-                f"{counted(found.jumped, 'frame')} with a time far from those around it, or not after that "
+                f"{plural(found.jumped, 'frame')} with a time far from those around it, or not after that "
                 "of the frame before: 'lost' in the table"
             )
         if frozen := found.refused.get(State.FROZEN.value):
-            more.append(f"{counted(frozen, 'frame')}: {FROZEN}")
+            more.append(f"{plural(frozen, 'frame')}: {FROZEN}")
         if found.refused == {"no_contact": found.frames}:
             more.append("no frame shows a contact; if one should, the background shows the same contact")
         return more
@@ -508,7 +508,7 @@ class Estimation:
             _check_within(raw, "--lift-from", self.lift)
             lift_ns = self.lift.time_ns
         to_object = 1 if self._published else sign
-        estimate = zeroed(raw, self._reference, self._published, to_object, lift_ns)
+        estimate = apply_zero(raw, self._reference, self._published, to_object, lift_ns)
         if check.misfit:
             remedy = "give a background of the same camera position, or --background auto"
             doubts.append(f"no angles: {check.doubt_with(remedy)}")

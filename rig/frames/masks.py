@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from drivers.errors import InputError, counted, no_such
+from drivers.errors import InputError, no_such, plural
 from drivers.images import SUFFIXES, images_in_order, load_image, read_image, require_single
 from drivers.types import Image
 from rig.frames.series import ENOUGH_FRAMES, FrameSeries, TimedFrame, make_background
@@ -230,7 +230,7 @@ def _group(files: list[Path], background: str | None, compare: bool) -> ImageGro
     series = FrameSeries(str(files[0].parent), read)
     if background is None and len(files) < ENOUGH_FRAMES:
         raise InputError(
-            f"{series.name}: {counted(len(files), 'image')} cannot make a background: give --background IMAGE"
+            f"{series.name}: {plural(len(files), 'image')} cannot make a background: give --background IMAGE"
         )
     # `auto`, because the order of images in a data set has no meaning, unlike in a recording
     return ImageGroup(tuple(files), *make_background(background or "auto", series))

@@ -21,8 +21,8 @@ import cv2
 import numpy as np
 
 from drivers.clock import NS_PER_S
-from drivers.errors import InputError, RigError, counted, unknown_name
-from drivers.formats import MOST_PIXELS, check_pieces, in_number_order, reason, shown
+from drivers.errors import InputError, RigError, plural, unknown_name
+from drivers.formats import MOST_PIXELS, check_pieces, in_number_order, quote, reason
 from drivers.images import decode_image
 from drivers.types import Image
 from rig.config.extras import require_extra
@@ -71,7 +71,7 @@ def find_topic(path: Path, topic: str | None) -> str:
 
     Raises `InputError` with the topics of the bag if there is no such topic, and for a damaged bag.
     """
-    with _opened(path) as bag:
+    with _open_bag(path) as bag:
         if getattr(bag, "compression_mode", None) == "message":
             opened: Any = bag
             messages = (
@@ -106,7 +106,7 @@ def rest_of_bag(path: Path) -> tuple[Path, ...]:
 
 def bag_times(path: Path, topic: str) -> tuple[list[int], list[int]]:
     """Return the header stamps and the times of receipt of a topic's images, ns, in the order of the bag."""
-    with _opened(path) as bag:
+    with _open_bag(path) as bag:
         deserialized = _deserializer(bag)
         messages = bag.messages(connections=_connections(bag, topic))
         stamps, received = [], []
@@ -125,7 +125,7 @@ def bag_images(path: Path, topic: str) -> Iterator[Image | None]:
     """
     count = decoded = 0
     kind = ""
-    with _opened(path) as bag:
+    with _open_bag(path) as bag:
         deserialized = _deserializer(bag)
         for connection, _, data in bag.messages(connections=_connections(bag, topic)):
             message = deserialized(data, connection.msgtype)
@@ -137,7 +137,7 @@ def bag_images(path: Path, topic: str) -> Iterator[Image | None]:
             yield image
     if not decoded:
         raise InputError(
-            f"{path}: {topic}: not one complete image in {counted(count, 'message')} ({shown(kind)}): record "
+            f"{path}: {topic}: not one complete image in {plural(count, 'message')} ({quote(kind)}): record "
             "it again, as raw images, JPEG or PNG"
         )
 
@@ -184,7 +184,7 @@ def _deserializer(bag: "Reader1 | Reader2") -> Callable[[bytes, str], Any]:
 
 
 @contextmanager
-def _opened(path: Path) -> "Iterator[Reader1 | Reader2]":
+def _open_bag(path: Path) -> "Iterator[Reader1 | Reader2]":
     """Open a bag. Raises `InputError` in place of any exception of rosbags for a damaged bag."""
     require_rosbags()
     from rosbags.rosbag1 import Reader as Reader1

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.clock import NS_PER_S
-from drivers.errors import InputError, counted
+from drivers.errors import InputError, plural
 from drivers.images import (
     SUFFIXES,
     check_video_size,
@@ -186,9 +186,9 @@ def make_background(spec: str | None, series: FrameSeries) -> tuple[Image, str]:
         images = list(islice(series.images(), count))
         if len(images) < count:
             raise InputError(
-                f"--background {spec}: only {counted(len(images), 'frame')} can be read: give fewer"
+                f"--background {spec}: only {plural(len(images), 'frame')} can be read: give fewer"
             )
-        return mean_background(images), f"background: mean of the first {counted(count, 'frame')}"
+        return mean_background(images), f"background: mean of the first {plural(count, 'frame')}"
     background = read_image(Path(spec))
     if background.shape != first.shape:
         seen, wanted = size_text(background.shape), size_text(first.shape)
@@ -209,7 +209,7 @@ def find_background(name: str, images: Iterable[Image], spread: Sequence[Image])
     """
     frames, first = untouched_frames(images, spread)
     if frames and first:
-        note = f"background: mean of the first {counted(len(frames), 'frame')}, which are alike"
+        note = f"background: mean of the first {plural(len(frames), 'frame')}, which are alike"
         return mean_background(frames), note
     if frames:
         share = f"{len(frames)} of {len(spread)} frames, evenly spread"
@@ -296,7 +296,7 @@ def _video_series(path: Path, timestamps: Path | None, fps: float | None) -> Fra
     longest_ns = int(np.diff(shown_ns, prepend=shown_ns[0]).max())
     missing = announced - 0.5 - rate * (shown_ns[-1] + longest_ns) / NS_PER_S
     if announced > count and missing > 0.0:
-        cut = f"{path}: {counted(announced, 'frame')} announced, {count} can be read"
+        cut = f"{path}: {plural(announced, 'frame')} announced, {count} can be read"
         notes = (f"{cut}: is the file complete?", *notes)
 
     def read() -> Iterator[TimedFrame]:
@@ -323,7 +323,7 @@ def _array_series(path: Path, timestamps: Path | None, fps: float | None) -> Fra
     def read() -> Iterator[TimedFrame]:
         return (TimedFrame(n, t, f) for n, t, f in zip(names, times, array_frames(path), strict=True))
 
-    note = f"{path}: {counted(count, 'frame')} of {width} x {height} px, assumed to be RGB"
+    note = f"{path}: {plural(count, 'frame')} of {width} x {height} px, assumed to be RGB"
     notes = (note, RATE_ASSUMED) if timestamps is None and fps is None else (note, *notes)
     return FrameSeries(str(path), read, notes, count=count)
 
@@ -339,7 +339,7 @@ def _ros_series(path: Path, topic: str) -> FrameSeries:
             yield TimedFrame(str(number), FrameTime(seconds_text(time_ns), time_ns), image)
 
     if others := rest_of_bag(path):
-        rest = f"{counted(len(others), 'more file')} ({', '.join(file.name for file in others[:3])})"
+        rest = f"{plural(len(others), 'more file')} ({', '.join(file.name for file in others[:3])})"
         notes = [
             *notes,
             f"{path}: is one file of a bag with {rest}: give the folder to read all",

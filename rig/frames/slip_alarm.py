@@ -102,7 +102,7 @@ class _TurnWatch:
             self._last_deg = angle_deg
             turned_deg = angle_deg - self._rest_deg if self._frames else 0.0
             # Since itself, a sample has no unseen rotation in its sigma.
-            own_deg = sample.turned(1, 0.0, sample).sigma_deg or 0.0
+            own_deg = sample.since_zero(1, 0.0, sample).sigma_deg or 0.0
             least_deg = max(ONSET_DEG, LEAST_SIGMAS * own_deg)
             if abs(turned_deg) >= least_deg and leaves_rest(turned_deg, rate_deg_s):
                 self.on, self._turned_ns = True, sample.time_ns

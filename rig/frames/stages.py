@@ -17,7 +17,7 @@ from rig.frames.series import read_frames
 from rig.sessions.manifest import TrialManifest, read_manifest_of
 from rig.tactile.contact.gate import find_contact
 from rig.tactile.contact.gel_marks import GelMarks, found_marks
-from rig.tactile.contact.relative import RelativeDifference, smoothed, work_size
+from rig.tactile.contact.relative import RelativeDifference, smooth, work_size
 from rig.tactile.estimators import choose_estimator
 from rig.tactile.slip.gradient import learn_map
 from rig.tactile.slip.height import Field, Gradient
@@ -102,31 +102,31 @@ def stages_picture(turn: Turn) -> Image:
     """
     background = turn.background
     size = work_size(background.shape, turn.aspect or 1.0)
-    first, now = (smoothed(_difference(image, background, size)) for image in (turn.zero, turn.later))
+    first, now = (smooth(_difference(image, background, size)) for image in (turn.zero, turn.later))
     region = find_contact(first)
     learnt = None if region is None else learn_map(first, region.mask)
     if region is None or learnt is None:
         raise InputError(f"{turn.title}: the frame at the zero shows no dent; give another --reference-time")
     slopes, slopes_now = learnt.apply(first), learnt.apply(now)
-    turned = _turned(slopes, region.mask, turn)
+    turned = _rotate(slopes, region.mask, turn)
     whole = (0, 0, region.mask.shape[1], region.mask.shape[0])
     planes = slope_planes(first, learnt, region.mask, whole, ALIGNMENT.broad_share)
     scale = float(np.percentile(np.abs(slopes), BRIGHTEST))
     rows = (
         (
-            (_signed(first), "difference at the zero"),
+            (_draw_signed(first), "difference at the zero"),
             (_texture_picture(turn.zero, background, size), "texture, weighted by the network"),
-            (_signed(planes[CURVATURE, ..., None]), "curvature"),
+            (_draw_signed(planes[CURVATURE, ..., None]), "curvature"),
         ),
         (
             (turn.zero, "at the zero"),
-            (_coloured(slopes, scale), "its slopes"),
-            (_coloured(turned, scale), f"the same, turned by {turn.angle_deg:+.1f} deg"),
+            (_draw_slopes(slopes, scale), "its slopes"),
+            (_draw_slopes(turned, scale), f"the same, turned by {turn.angle_deg:+.1f} deg"),
         ),
         (
             (turn.later, f"{turn.apart_s:.2f} s later"),
-            (_coloured(slopes_now, scale), "its slopes"),
-            (_coloured(slopes_now - turned, scale), "what the turn does not explain"),
+            (_draw_slopes(slopes_now, scale), "its slopes"),
+            (_draw_slopes(slopes_now - turned, scale), "what the turn does not explain"),
         ),
     )
     return _sheet(rows, turn)
@@ -135,7 +135,7 @@ def stages_picture(turn: Turn) -> Image:
 def _difference(image: Image, background: Image, size: tuple[int, int]) -> Field:
     """Return the relative difference from the background, (h, w, 3), as the estimator computes it."""
     light = RelativeDifference(background, size)
-    return GelMarks(found_marks(background, size), size).mended(light.of(light.reduced(image)))
+    return GelMarks(found_marks(background, size), size).fill(light.of(light.reduce(image)))
 
 
 def _texture_picture(image: Image, background: Image, size: tuple[int, int]) -> Image:
@@ -145,16 +145,16 @@ def _texture_picture(image: Image, background: Image, size: tuple[int, int]) -> 
     tensor = tensor_of(np.ascontiguousarray(fine), _difference(image, background, size), scale)
     counts = shipped_turning().counts(fine, scale)
     planes = structure(tensor, noise_floor(tensor), counts, (0, 0, 0, 0), scale).planes
-    return _coloured(planes[0] + 1j * planes[1], float(planes[2].max()))
+    return _draw_slopes(planes[0] + 1j * planes[1], float(planes[2].max()))
 
 
-def _signed(values: Field) -> Image:
+def _draw_signed(values: Field) -> Image:
     scale = max(float(np.percentile(np.abs(values), BRIGHTEST)), 1e-9)
     levels = (128.0 + 127.0 * np.clip(values / scale, -1.0, 1.0)).astype(np.uint8)
     return np.broadcast_to(levels, (*values.shape[:2], 3))
 
 
-def _turned(slopes: Gradient, mask: Image, turn: Turn) -> Gradient:
+def _rotate(slopes: Gradient, mask: Image, turn: Turn) -> Gradient:
     """Rotate positions and vectors about the contact's centre and shift them by the estimate."""
     down, across = np.nonzero(mask)
     middle = complex(across.mean(), down.mean())
@@ -170,7 +170,7 @@ def _turned(slopes: Gradient, mask: Image, turn: Turn) -> Gradient:
     return np.asarray((parts[0] + 1j * parts[1]) * turning, np.complex64)
 
 
-def _coloured(slopes: Gradient, scale: float) -> Image:
+def _draw_slopes(slopes: Gradient, scale: float) -> Image:
     """Draw slopes as colours: the direction as hue, the steepness as brightness."""
     hue = (np.degrees(np.angle(slopes)) % 360.0) / 2.0
     value = np.clip(np.abs(slopes) / max(scale, 1e-9), 0.0, 1.0) * 255.0

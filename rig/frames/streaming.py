@@ -31,9 +31,9 @@ class StreamingEstimator:
         self, estimator: TactileEstimator, shape: tuple[int, ...], sign: int = 1, each_contact: bool = False
     ) -> None:
         if isinstance(estimator, type) or not callable(getattr(estimator, "update", None)):
-            raise arguments.refused("StreamingEstimator: estimator", estimator, "one with a method update")
+            raise arguments.refusal("StreamingEstimator: estimator", estimator, "one with a method update")
         if not isinstance(shape, tuple) or len(shape) != 3:
-            raise arguments.refused("StreamingEstimator: shape", shape, "(H, W, 3)")
+            raise arguments.refusal("StreamingEstimator: shape", shape, "(H, W, 3)")
         sizes = [arguments.whole("StreamingEstimator: shape", size, 1, MAX_SIDE_PX) for size in shape]
         check_frame(np.empty(sizes, np.uint8))
         self._estimator, self._shape = estimator, shape
@@ -112,7 +112,7 @@ class StreamingEstimator:
         slip = self._alarm.update(sample)
         self._settle(sample)
         zero_deg = 0.0 if self._track.zero_deg is None else self._track.zero_deg
-        turned = sample.turned(self._track.sign, zero_deg, self._track.zero_sample)
+        turned = sample.since_zero(self._track.sign, zero_deg, self._track.zero_sample)
         return replace(turned, slip=slip)
 
     def check_background(self, background: Image) -> None:
@@ -168,7 +168,7 @@ def checked_sign(name: str, sign: int) -> int:
     """Return +1 or -1. Raises `InputError`."""
     plain = arguments.whole(name, sign, -1, 1)
     if plain == 0:
-        raise arguments.refused(name, sign, "1, or -1 for a fingertip that sees the object from behind")
+        raise arguments.refusal(name, sign, "1, or -1 for a fingertip that sees the object from behind")
     return plain
 
 

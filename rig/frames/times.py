@@ -16,16 +16,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.clock import NS_PER_S
-from drivers.errors import FormatError, InputError, counted
+from drivers.errors import FormatError, InputError, plural
 from drivers.formats import (
     MOST_CSV_BYTES,
     CsvTable,
     parse_csv,
     parse_time_ns,
     parse_whole,
+    quote,
     read_csv,
     read_text,
-    shown,
     time_ns_in,
 )
 from drivers.tally import LONGEST_STEP_NS
@@ -105,7 +105,7 @@ def checked_times(where: str, times_ns: Sequence[int] | Times) -> tuple[str, ...
     if repeated.size == 0:
         return ()
     return (
-        f"times: {counted(repeated.size, 'frame')} with the time of the previous frame (first: frame "
+        f"times: {plural(repeated.size, 'frame')} with the time of the previous frame (first: frame "
         f"{repeated[0]}): not estimated, 'lost'",
     )
 
@@ -136,7 +136,7 @@ def gaps_note(times_ns: Sequence[int] | Times) -> str:
     longest = gaps[steps[gaps].argmax()]
     after_s = (times[longest] - times[0]) / NS_PER_S
     return (
-        f"{counted(len(gaps), 'gap')} between the frames, the longest {steps[longest]:.3g} s, "
+        f"{plural(len(gaps), 'gap')} between the frames, the longest {steps[longest]:.3g} s, "
         f"{after_s:.3f} s after the first frame"
     )
 
@@ -158,7 +158,7 @@ def stamped_times(
         why = "stamps that go back"
     else:
         try:
-            notes = [f"times: {counted(back, 'frame')} arrived out of order, sorted by stamp"] if back else []
+            notes = [f"times: {plural(back, 'frame')} arrived out of order, sorted by stamp"] if back else []
             return stamps, [*notes, *checked_times(where, np.sort(stamps))]
         except InputError:
             why = "stamps that are constant, rounded or not in s, or days apart"
@@ -182,15 +182,15 @@ def container_times(
         return times_at_rate(len(shown_at), fps), ()
     notes = [f"times: of the video's container, which are not those of {fps:g} frames per second"]
     if missing := int((~given).sum()):
-        notes.append(f"times: {counted(missing, 'frame')} without a time, interpolated")
+        notes.append(f"times: {plural(missing, 'frame')} without a time, interpolated")
     found = [
         FrameTime(f"{time / NS_PER_S:.6f}", round(time))
-        for time in _filled(shown_at, given, NS_PER_S / max(fps, 1e-9)).tolist()
+        for time in _fill(shown_at, given, NS_PER_S / max(fps, 1e-9)).tolist()
     ]
     return found, (*notes, *checked_times(where, [time.time_ns for time in found]))
 
 
-def _filled(times: Times, given: NDArray[np.bool_], step_ns: float) -> NDArray[np.float64]:
+def _fill(times: Times, given: NDArray[np.bool_], step_ns: float) -> NDArray[np.float64]:
     """Return times with the missing ones interpolated, and continued after the last at the median step.
 
     step_ns: used in place of the median step if only the first time is given.
@@ -238,18 +238,18 @@ def clip_times(table: Path, names: Sequence[str], fps: float) -> tuple[list[Fram
     kept = [row for row in rows if row.frame in known] or rows
     places = _places(table, kept, names)
     gone = len(rows) - len(kept)
-    notes = [f"{table}: {counted(gone, 'row')} without a frame, ignored"] if gone else []
+    notes = [f"{table}: {plural(gone, 'row')} without a frame, ignored"] if gone else []
     if len(places) == len(names):
         return [row.time for row in kept], notes
     if places[0] != 0:
         raise InputError(f"{table}: line {kept[0].line} is the first and '{names[0]}' has no row: add one")
     given, times = np.zeros(len(names), bool), np.zeros(len(names), np.int64)
     given[places], times[places] = True, [row.time.time_ns for row in kept]
-    filled = _filled(times, given, NS_PER_S / fps).tolist()
+    filled = _fill(times, given, NS_PER_S / fps).tolist()
     found = [FrameTime(f"{time / NS_PER_S:.9f}", round(time)) for time in filled]
     for place, row in zip(places, kept, strict=True):
         found[place] = row.time
-    missing = f"{len(names) - len(kept)} of {counted(len(names), 'frame')} have no time"
+    missing = f"{len(names) - len(kept)} of {plural(len(names), 'frame')} have no time"
     return found, [*notes, f"{table}: {missing} (interrupted?): it is computed from the times of the others"]
 
 
@@ -296,11 +296,11 @@ def _places(table: Path, rows: Sequence[_Row], names: Sequence[str]) -> list[int
                 place = place if 0 <= place < len(names) else None
         if place is None:
             raise InputError(
-                f"{table}: line {row.line}: there is no frame {shown(row.frame)}: remove the row"
+                f"{table}: line {row.line}: there is no frame {quote(row.frame)}: remove the row"
             )
         if place in seen:
             raise InputError(
-                f"{table}: line {row.line}: {shown(row.frame)} is on line {seen[place]} already: keep one"
+                f"{table}: line {row.line}: {quote(row.frame)} is on line {seen[place]} already: keep one"
             )
         seen[place] = row.line
     for (place, row), (next_place, next_row) in pairwise(zip(seen, rows, strict=True)):

@@ -11,11 +11,11 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from drivers.errors import InputError, counted
+from drivers.errors import InputError, plural
 from drivers.formats import read_bounded
 from drivers.types import Image
 from rig.frames.clips import clip_background
-from rig.frames.estimates import estimate_series, zeroed
+from rig.frames.estimates import apply_zero, estimate_series
 from rig.frames.series import FrameSeries, make_background
 from rig.sessions.codec import Codec, json_line, strict
 from rig.sessions.files import write_file
@@ -59,7 +59,7 @@ def choose_frames(
     another.
     """
     estimator = choose_estimator(None, None).make(background, None)
-    found = zeroed(estimate_series(series, estimator, series.count), None)
+    found = apply_zero(estimate_series(series, estimator, series.count), None)
     touching = [number for number, sample in enumerate(found.samples) if sample.contact_area_px > 0]
     if not touching:
         raise InputError(
@@ -82,7 +82,7 @@ def choose_frames(
     asked = why if reference is None else "as given"
     note = (
         f"{seen}\nreference: frame {frames[0]} ({asked})\n"
-        f"{counted(len(frames), 'frame')} to label, up to {frames[-1]}; the reference is one of them, "
+        f"{plural(len(frames), 'frame')} to label, up to {frames[-1]}; the reference is one of them, "
         "with 0 degrees"
     )
     if touching[-1] >= end:
@@ -159,7 +159,7 @@ def angle_labels(passes: Sequence[Mapping[int, Line]], reference: int) -> list[A
     """
     frames = sorted(set(passes[0]) & set(passes[1]))
     _check(passes, frames, reference)
-    turned = [_turned({frame: lines[frame] for frame in frames}, reference) for lines in passes]
+    turned = [_rotations_deg({frame: lines[frame] for frame in frames}, reference) for lines in passes]
     gaps = {frame: turned[0][frame] - turned[1][frame] for frame in frames}
     for frame, gap in gaps.items():
         if abs(gap) > MOST_APART_DEG:
@@ -190,7 +190,7 @@ def labels_csv(labels: Sequence[AngleLabel], reference: int) -> str:
     return text.getvalue()
 
 
-def _turned(lines: Mapping[int, Line], reference: int) -> dict[int, float]:
+def _rotations_deg(lines: Mapping[int, Line], reference: int) -> dict[int, float]:
     """Return the rotation since the reference, deg, by frame."""
     frames, headings = sorted(lines), {}
     for frame, (x1, y1, x2, y2) in lines.items():
@@ -255,7 +255,7 @@ def read_drawn(path: Path) -> DrawnLines | None:
     if not path.exists():
         return None
     try:
-        drawn = _FILE.parsed(read_bounded(path, MOST_BYTES))
+        drawn = _FILE.parse(read_bounded(path, MOST_BYTES))
     except ValueError as error:
         raise InputError(f"{path}: {error}: move the file away to begin again") from error
     if drawn.schema != SCHEMA:
@@ -279,11 +279,11 @@ def chosen_frames(
     begun = drawn.choice
     if count not in (None, len(begun.frames)) or reference not in (None, begun.reference):
         raise InputError(
-            f"{LINES} was begun with {counted(len(begun.frames), 'frame')} and the reference "
+            f"{LINES} was begun with {plural(len(begun.frames), 'frame')} and the reference "
             f"{begun.reference}: leave --count and --reference out to go on, or move the file "
             "away to start again"
         )
-    return begun, f"continuing with {counted(len(drawn.clicks), 'click')} from before"
+    return begun, f"continuing with {plural(len(drawn.clicks), 'click')} from before"
 
 
 def ends_in(clicks: Sequence[Click], drawn_in: int) -> dict[int, list[tuple[float, float]]]:

@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 
 from drivers.errors import InputError, no_such, unknown_name
-from drivers.formats import MOST_JSON_BYTES, read_bounded, shown
+from drivers.formats import MOST_JSON_BYTES, quote, read_bounded
 from drivers.images import SUFFIXES, read_image, require_same_aspect
 from drivers.types import Image
 from protocols.grasps import find_grasp_file
@@ -153,7 +153,7 @@ def _labelme_files(folder: Path) -> list[LabelledFile]:
             named = str(document.get("imagePath", "")).replace("\\", "/")
             image = path.parent / named
             if len(named) > _LONGEST_NAME or "\0" in named or not image.is_file():
-                raise InputError(f"{path}: its image {shown(named)} is not beside it: copy it there")
+                raise InputError(f"{path}: its image {quote(named)} is not beside it: copy it there")
         files.append(_file(image, owner, partial(labelme_mask, document, where=str(path))))
     return files
 

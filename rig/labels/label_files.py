@@ -17,7 +17,7 @@ import cv2
 import numpy as np
 
 from drivers.errors import FormatError, InputError
-from drivers.formats import MOST_JSON_BYTES, MOST_PIXELS, parse_json, read_text, shown, similar_key
+from drivers.formats import MOST_JSON_BYTES, MOST_PIXELS, parse_json, quote, read_text, similar_key
 from drivers.images import decode_image, encode_png, require_same_aspect
 from drivers.types import Image
 from rig.labels.polygons import Polygon, mask_polygons, polygon_area, polygons_mask
@@ -119,7 +119,7 @@ def labelme_mask(document: dict[str, Any], shape: tuple[int, int], where: str) -
     """
     drawn_on = document.get("imageWidth") or shape[1], document.get("imageHeight") or shape[0]
     if not all(isinstance(side, int | float) and side > 0 for side in drawn_on):
-        raise InputError(f"{where}: the size of its image is {shown(drawn_on)}: save it again in LabelMe")
+        raise InputError(f"{where}: the size of its image is {quote(drawn_on)}: save it again in LabelMe")
     polygons, painted = [], []
     for number, entry in enumerate(document["shapes"], start=1):
         if isinstance(entry, dict) and entry.get("label", "") in _BACKGROUND_LABELS:
@@ -173,7 +173,7 @@ def _corners(entry: Any, where: str) -> Polygon:
     if (kind == "polygon" and len(points) >= 3) or (kind == "rectangle" and len(points) == 4):
         return points
     raise InputError(
-        f"{where}: a {shown(kind)} of {len(points)} points encloses nothing: draw a polygon in LabelMe"
+        f"{where}: a {quote(kind)} of {len(points)} points encloses nothing: draw a polygon in LabelMe"
     )
 
 

@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 from calibration.markers.angle import FEWEST_FRAMES, MarkerAngle, PlaneReference, wrapped_deg
 from calibration.targets.aruco import Corners, Refusal
 from drivers.clock import NS_PER_S
-from drivers.errors import CalibrationError, InputError, counted
+from drivers.errors import CalibrationError, InputError, plural
 from drivers.types import Image, Pose
 from rig.tactile.angles import LONGEST_GAP_NS, MARKERS, Angles
 from rig.tactile.sample import SlipSample, State
@@ -134,7 +134,7 @@ class MarkerTruth:
         self._zero = _Zero(plane, wrist, np.asarray(axis, np.float64))
         # Frames from before the zero are measured only when the series is requested.
         self._before = self._sightings[: self._seen_before]
-        self._angles = self._measured(self._sightings[self._seen_before :], self._zero)
+        self._angles = self._measure(self._sightings[self._seen_before :], self._zero)
 
     def latest_angle_deg(self) -> float | None:
         """Return the newest angle, for display; None before the zero, and 50 ms after the last angle."""
@@ -164,14 +164,14 @@ class MarkerTruth:
         self.measure_zero()
         if self._zero is None:
             raise CalibrationError(NO_ZERO)
-        return Angles.of([*self._measured(self._before, self._zero), *self._angles], MARKERS, zero_ns)
+        return Angles.of([*self._measure(self._before, self._zero), *self._angles], MARKERS, zero_ns)
 
     @property
     def rests_from_ns(self) -> int:
         """Capture time of the first frame of the zero; there must be a zero."""
         return self._still[0].time_ns
 
-    def _measured(self, sightings: Sequence[_Sighting], zero: _Zero) -> list[SlipSample]:
+    def _measure(self, sightings: Sequence[_Sighting], zero: _Zero) -> list[SlipSample]:
         angles: list[SlipSample] = []
         for sighting in sightings:
             self._add(angles, sighting, zero)
@@ -197,11 +197,11 @@ class MarkerTruth:
         came = count + sum(reasons.values())
         if came < FEWEST_FRAMES:
             return (
-                f"external camera: only {counted(came, 'frame')} came in {span_s:.2f} s ({count} with both "
+                f"external camera: only {plural(came, 'frame')} came in {span_s:.2f} s ({count} with both "
                 f"markers), the zero needs {FEWEST_FRAMES}: the computer is too busy, or the "
                 "camera's connection too slow; end other programs, then see rig doctor"
             )
         return (
-            f"external camera: {counted(count, 'frame')} with both markers in {span_s:.2f} s ({misses}), the "
+            f"external camera: {plural(count, 'frame')} with both markers in {span_s:.2f} s ({misses}), the "
             f"zero needs {FEWEST_FRAMES}; check the markers, their ids, the light and what hides them"
         )

@@ -50,7 +50,7 @@ def fuse(now: SlipSample, others: list[SlipSample], before: SlipSample | None = 
     if not turns:
         return SlipSample(now.time_ns, now.state)
     answers = [a for a, _ in turns]
-    angles = [_extrapolated(a, now, turn) for a, turn in turns]
+    angles = [_extrapolate(a, now, turn) for a, turn in turns]
     known = [a.sigma_deg for a in answers if a.sigma_deg]
     if len(known) < len(answers):
         best = _Hypothesis(1.0, sum(angles) / len(angles), 0.0, tuple(range(len(angles))))
@@ -115,7 +115,7 @@ def _turned_since(time_ns: int, now: SlipSample, before: SlipSample | None) -> f
     return share * (now.angle_deg - before.angle_deg)
 
 
-def _extrapolated(answer: SlipSample, now: SlipSample, turn_deg: float | None) -> float:
+def _extrapolate(answer: SlipSample, now: SlipSample, turn_deg: float | None) -> float:
     """Return an angle at the time of the newest sample.
 
     It is extrapolated by the rotation since then that the newest fingertip has measured, turn_deg, or by its
@@ -216,7 +216,7 @@ class TipTrack:
 
     def answer(self, sample: SlipSample) -> SlipSample:
         """Return a sample with the signed angle since the zero; without a zero there is no angle."""
-        return sample.turned(self.sign, self.zero_deg, self.zero_sample)
+        return sample.since_zero(self.sign, self.zero_deg, self.zero_sample)
 
     def set_zero(self, time_ns: int) -> None:
         """Take the mean angle of the last `ZERO_S` before a time as the zero.

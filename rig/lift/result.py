@@ -45,16 +45,16 @@ class MeasuredLift:
         fall_ns, truth = measurement.fall_ns(end_ns), measurement.truth.series(lift_ns)
         self.lift_ns, self.fallen = lift_ns, fall_ns is not None
         self.until_ns = end_ns if fall_ns is None else fall_ns
-        self.truth = truth if fall_ns is None else truth.picked(truth.time_ns < fall_ns)
+        self.truth = truth if fall_ns is None else truth.select(truth.time_ns < fall_ns)
         self.tips = {
             serial: Angles.of(map(tip.answer, tip.samples), serial, lift_ns)
             for serial, tip in measurement.angle.tips.items()
         }
         self.whole = Angles.of(measurement.angle.fused, FUSED, lift_ns)
-        self.fused = self.whole.picked(self.whole.time_ns < end_ns)
+        self.fused = self.whole.select(self.whole.time_ns < end_ns)
         self.in_b = self.fused.between(lift_ns, min(hold_ns, self.until_ns))
         self.score = score_angles("", self.fused, self.truth.at(self.fused.time_s), hold_ns)
-        since_zero = self.truth.picked(self.truth.time_ns >= measurement.truth.rests_from_ns)
+        since_zero = self.truth.select(self.truth.time_ns >= measurement.truth.rests_from_ns)
         self.onset_ns = slip_onset_ns(since_zero.time_ns, since_zero.angle_deg)
         self.reactions = measurement.watch and measurement.watch.records(since_zero, lift_ns)
 
@@ -104,4 +104,4 @@ class MeasuredLift:
 
     @property
     def lag(self) -> ClockLag | None:
-        return clock_lag(self.fused.picked(self.fused.time_ns < self.until_ns), self.truth)
+        return clock_lag(self.fused.select(self.fused.time_ns < self.until_ns), self.truth)

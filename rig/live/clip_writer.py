@@ -20,7 +20,7 @@ from pathlib import Path
 import numpy as np
 
 from drivers.clock import NS_PER_S, to_ns
-from drivers.errors import InputError, RecordingError, counted
+from drivers.errors import InputError, RecordingError, plural
 from drivers.images import encode_png
 from drivers.realtime import ordinary
 from drivers.types import Frame, Image
@@ -185,7 +185,7 @@ class Clips:
         done = []
         for writer in self._writers.values():
             writer.close()
-            done.append(f"{writer.folder}: {counted(writer.count, 'frame')}")
+            done.append(f"{writer.folder}: {plural(writer.count, 'frame')}")
         self._writers = {}
         return f"recorded {'; '.join(done)}"
 
@@ -265,7 +265,7 @@ class Clips:
                         for mark in marks:
                             clip.mark(*mark)
                     span_s = (frames[-1].time_ns - frames[0].time_ns) / NS_PER_S if frames else 0.0
-                    done.append(f"saved {clip.folder}: {counted(clip.count, 'frame')}, {span_s:.1f} s")
+                    done.append(f"saved {clip.folder}: {plural(clip.count, 'frame')}, {span_s:.1f} s")
         except RecordingError as error:
             done.append(str(error))
         self._saved.put("; ".join(done))

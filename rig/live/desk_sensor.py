@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.clock import NS_PER_S, Clock, to_ns
-from drivers.errors import DeviceError, DeviceTimeoutError, InputError, StaleFrameError, counted
+from drivers.errors import DeviceError, DeviceTimeoutError, InputError, StaleFrameError, plural
 from drivers.interfaces import FrameSource
 from drivers.tally import FrameTally
 from drivers.types import Frame, Image
@@ -212,7 +212,7 @@ class DeskSensor:
         answered = counts.pop(WITH_ANGLE, 0)
         without = ", ".join(f"{count} {state}" for state, count in counts.items()).replace("_", " ")
         return (
-            f"{answered} of {counted(self._tally.frames, 'frame')} with an angle; "
+            f"{answered} of {plural(self._tally.frames, 'frame')} with an angle; "
             f"without: {without or 'none'}; {self.dropped} dropped"
         )
 

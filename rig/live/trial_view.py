@@ -18,7 +18,7 @@ from rich.text import Text
 from rig.live.feed import Inbox
 from rig.live.state import LiftInView, update_lifts
 from rig.sessions.records import Lift
-from rig.terminal.screen import TimeLeft, begin_phase, left_text, shown
+from rig.terminal.screen import TimeLeft, begin_phase, left_text, show_display
 from rig.terminal.tables import PlainConsole
 
 REFRESH_PER_S = 4.0
@@ -62,7 +62,7 @@ class TrialView:
 
     def __enter__(self) -> Self:
         if self._display is not None:
-            self._shown.enter_context(shown(self._display))
+            self._shown.enter_context(show_display(self._display))
             return self
         begin_phase("lifts: the first one has started")
         thread = threading.Thread(target=self._print_lines, daemon=True, name="live lines")

@@ -88,7 +88,7 @@ _PAD_IN = 0.04167
 
 
 @contextmanager
-def _styled() -> Iterator[None]:
+def _page_style() -> Iterator[None]:
     """Draw in the pages' style.
 
     Characters that are missing in matplotlib's font cause no warning, because the browser draws the text of
@@ -106,12 +106,12 @@ def drawing(height_px: float, width_px: float = WIDTH_PX, arranged: bool = True)
     arranged: use matplotlib's constrained layout, which takes as long as drawing; else the caller places the
     axes.
     """
-    with _styled():
+    with _page_style():
         size = (width_px / PX_PER_INCH, height_px / PX_PER_INCH)
         yield Figure(figsize=size, layout="constrained" if arranged else None)
 
 
-def placed(figure: Figure, left_px: float, top_px: float, right_px: float, bottom_px: float) -> Axes:
+def add_axes(figure: Figure, left_px: float, top_px: float, right_px: float, bottom_px: float) -> Axes:
     """Add axes with margins in CSS pixels from the figure's edges."""
     width, height = figure.get_size_inches() * PX_PER_INCH
     spans = (width - left_px - right_px) / width, (height - top_px - bottom_px) / height
@@ -144,7 +144,7 @@ def svg(figure: Figure, alt: str) -> Markup:
 def drawn_svg(figure: Figure, alt: str) -> str:
     """Draw a figure as `svg` does, in any process; `with_own_ids` puts it on a page."""
     buffer = io.StringIO()
-    with _styled():
+    with _page_style():
         figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None, "Type": None})
     text = buffer.getvalue()
     text = text[text.index("<svg") :].replace("\n", " ")
@@ -172,7 +172,7 @@ def column_files(figure: Figure) -> dict[str, bytes]:
     """
     _scale(figure, COLUMN_IN / float(figure.get_size_inches()[0]))
     found = {}
-    with _styled(), mpl.rc_context({"svg.fonttype": "path", "pdf.fonttype": 42}):
+    with _page_style(), mpl.rc_context({"svg.fonttype": "path", "pdf.fonttype": 42}):
         for kind, values in _PAPER.items():
             buffer = io.BytesIO()
             figure.savefig(buffer, format=kind, **values)
@@ -227,7 +227,7 @@ def legend_outside(figure: Figure) -> None:
         for axes, box in zip(figure.axes, boxes, strict=True):
             axes.set_position((box.x0, box.y0 * share, box.width, box.height * share))
     place = "outside upper center" if arranged else "upper center"
-    with _styled():
+    with _page_style():
         figure.legend(
             list(entries.values()), list(entries), loc=place, ncols=_LEGEND_COLUMNS, borderaxespad=0.1,
             handlelength=1.4, columnspacing=1.1, handletextpad=0.5, labelspacing=0.3,
@@ -274,7 +274,7 @@ def plot_data(figure: Figure, spots: Sequence[Spot]) -> dict[str, Any]:
     width, height = figure.get_size_inches()
     locators = [axis.get_major_locator() for axis in (axes.xaxis, axes.yaxis)]
     units = [SECONDS_PER_DAY if isinstance(each, AutoDateLocator) else 1 for each in locators]
-    places = _rounded(np.array([(spot.x, spot.y) for spot in spots], float) * units)
+    places = _round(np.array([(spot.x, spot.y) for spot in spots], float) * units)
     artists = [*axes.lines, *axes.patches, *axes.texts]
     shapes = [shape for artist in sorted(artists, key=Artist.get_zorder) for shape in _shapes(artist, axes)]
     key = [] if axes.get_legend() is None else zip(*axes.get_legend_handles_labels(), strict=True)
@@ -282,13 +282,13 @@ def plot_data(figure: Figure, spots: Sequence[Spot]) -> dict[str, Any]:
         "aspect": round(float(width / height), 3),
         "x": _axis(axes.xaxis, units[0]),
         "y": _axis(axes.yaxis, units[1]),
-        "shapes": [{**shape, "at": _rounded(shape["at"] * units)} for shape in shapes],
+        "shapes": [{**shape, "at": _round(shape["at"] * units)} for shape in shapes],
         "key": [{"label": text, **_line(line)} for line, text in key if isinstance(line, Line2D)],
         "spots": [(*at, with_minus(spot.text), spot.anchor) for at, spot in zip(places, spots, strict=True)],
     }
 
 
-def _rounded(values: NDArray[np.float64]) -> list[list[float]]:
+def _round(values: NDArray[np.float64]) -> list[list[float]]:
     return [[float(f"{value:.{_SIGNIFICANT}g}") for value in row] for row in values]
 
 

@@ -48,7 +48,7 @@ class Answer:
     news: News | None = None
     cookie: str = ""
 
-    def packed(self) -> bytes:
+    def encode(self) -> bytes:
         lines = [
             f"HTTP/1.1 {self.status.value} {self.status.phrase}",
             f"Content-Type: {self.kind}",
@@ -120,7 +120,7 @@ class Access:
         shown = [request.query, *request.header("cookie").split(";")]
         return None if not self.key or any(map(self._has_key, shown)) else NEEDS_KEY
 
-    def admitted(self, request: Request, answer: Answer) -> Answer:
+    def admit(self, request: Request, answer: Answer) -> Answer:
         """Return the answer to an allowed request, with a cookie if the key was in the address."""
         cookie = f"rig-{self.port}-{self.query}"
         return replace(answer, cookie=cookie) if self.key and self._has_key(request.query) else answer

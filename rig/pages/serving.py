@@ -118,8 +118,8 @@ async def _converse(page: Page, connection: socket.socket, access: Access, progr
         async with asyncio.timeout(WAIT_S):
             answer, request = UNREADABLE, await _read(reader)
             if request is not None:
-                answer = access.refusal(request) or access.admitted(request, page.answer(request))
-            writer.write(answer.packed())
+                answer = access.refusal(request) or access.admit(request, page.answer(request))
+            writer.write(answer.encode())
             if answer.news is None:
                 writer.close()
                 await writer.wait_closed()

@@ -88,7 +88,7 @@ def solve_camera(
         arguments.whole("solve_camera: size_px", n, 1, MAX_SIDE_PX) for n in _items("size_px", size_px)
     )
     if len(size) != 2:
-        raise arguments.refused("solve_camera: size_px", size_px, "(width, height)")
+        raise arguments.refusal("solve_camera: size_px", size_px, "(width, height)")
     views = [_view(i, *pair, size) for i, pair in enumerate(zip(boards, pictures, strict=True))]
     result = calibrate_camera(views)
     camera, assessment = result.fit.camera, assess_camera(result)
@@ -141,7 +141,7 @@ def _items(name: str, values: object) -> list[Any]:
     try:
         return list(values)  # type: ignore[call-overload]
     except TypeError:
-        raise arguments.refused(f"solve_camera: {name}", values, "a list") from None
+        raise arguments.refusal(f"solve_camera: {name}", values, "a list") from None
 
 
 def _view(number: int, board_m: ArrayLike, image_px: ArrayLike, size_px: tuple[int, int]) -> View:

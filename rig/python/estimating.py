@@ -12,17 +12,17 @@ from numpy.typing import ArrayLike
 
 from drivers import arguments
 from drivers.clock import NS_PER_S
-from drivers.errors import EstimatorError, InputError, counted
+from drivers.errors import EstimatorError, InputError, plural
 from drivers.formats import MAX_TIME_S
 from drivers.realtime import compute_in_one_thread
 from drivers.types import Image
 from drivers.values import short_repr
-from rig.frames.estimates import estimate_checked, require_frames_suffice, zeroed
+from rig.frames.estimates import apply_zero, estimate_checked, require_frames_suffice
 from rig.frames.series import FrameSeries, TimedFrame, evenly_spread, find_background
 from rig.frames.streaming import StreamingEstimator, checked_sign
 from rig.frames.times import LEAST_FPS, MAX_FPS, FrameTime, checked_times, sparse_note
 from rig.results.metrics import summarize
-from rig.results.scores import AXIS_DEG, TURN_DEG, unwrapped
+from rig.results.scores import AXIS_DEG, TURN_DEG, unwrap
 from rig.sessions.records import ErrorSummary
 from rig.tactile.angles import Angles
 from rig.tactile.estimators import ASPECTS, MAX_WINDOW, choose_estimator
@@ -87,7 +87,7 @@ def estimate(
     try:
         iter(frames)
     except TypeError:
-        raise arguments.refused("estimate: frames", frames, "images in order") from None
+        raise arguments.refusal("estimate: frames", frames, "images in order") from None
     fps = arguments.number("estimate: fps", fps, LEAST_FPS, MAX_FPS)
     seconds, notes = None, ()
     if times_s is not None:
@@ -101,8 +101,8 @@ def estimate(
             check_frame(image, getattr(frames[0], "shape", None))
         background, _ = find_background("estimate", frames, evenly_spread(frames))
     check_frame(background)
-    series = FrameSeries("frames", lambda: _timed(frames, seconds, fps))
-    made = _made("estimate", estimator, background, window, pixel_aspect, 1, gel)
+    series = FrameSeries("frames", lambda: _add_times(frames, seconds, fps))
+    made = _make_estimator("estimate", estimator, background, window, pixel_aspect, 1, gel)
     found, check = estimate_checked(series, made, background)
     if not found.samples:
         raise InputError("estimate: there are no frames")
@@ -111,11 +111,11 @@ def estimate(
     if check.doubt:
         warnings.warn(f"{check.doubt}: give a frame without contact as background", stacklevel=2)
     if frozen := sum(sample.state is State.FROZEN for sample in found.samples):
-        warnings.warn(f"{counted(frozen, 'frame')}: {FROZEN}", stacklevel=2)
+        warnings.warn(f"{plural(frozen, 'frame')}: {FROZEN}", stacklevel=2)
     note = sparse_note([time.time_ns for time in found.times])
     for text in notes if note is None else (*notes, note):
         _log.warning("estimate: %s", text)
-    return zeroed(found, None).angles
+    return apply_zero(found, None).angles
 
 
 def estimator(
@@ -141,7 +141,7 @@ def estimator(
     compute_in_one_thread()
     background = background.copy()
     sign = checked_sign("estimator: sign", sign)
-    made = _made("estimator", name, background, window, pixel_aspect, sign, gel)
+    made = _make_estimator("estimator", name, background, window, pixel_aspect, sign, gel)
     stream = StreamingEstimator(made, background.shape, sign)
     stream.check_background(background)
     return stream
@@ -156,8 +156,8 @@ def score(estimate: Angles, truth: Angles) -> Score:
     """
     for name, angles in (("estimate", estimate), ("truth", truth)):
         arguments.instance(f"score: {name}", angles, Angles, "a rig.Angles")
-    true, notes = unwrapped("the true angle", truth, AXIS_DEG)
-    ours, more = unwrapped("the estimate", estimate, TURN_DEG)
+    true, notes = unwrap("the true angle", truth, AXIS_DEG)
+    ours, more = unwrap("the estimate", estimate, TURN_DEG)
     for note in (*notes, *more):
         _log.warning("score: %s", note)
     known = true.at(estimate.time_s)
@@ -175,7 +175,7 @@ def score(estimate: Angles, truth: Angles) -> Score:
     return Score(errors.mean_deg, errors.std_deg, errors.max_deg, errors.frames, answered, within)
 
 
-def _made(
+def _make_estimator(
     where: str,
     estimator: str | type[TactileEstimator],
     background: Image,
@@ -201,7 +201,7 @@ def _made(
     return WindowMean(made, choice.window) if choice.window > 1 else made
 
 
-def _timed(frames: Iterable[Image], seconds: np.ndarray | None, fps: float) -> Iterator[TimedFrame]:
+def _add_times(frames: Iterable[Image], seconds: np.ndarray | None, fps: float) -> Iterator[TimedFrame]:
     """Yield the frames with their times; each is read only when needed, so they need not fit into memory."""
     number = -1
     for number, image in enumerate(frames):

@@ -16,7 +16,7 @@ from calibration.poses import pose_matrix
 from calibration.targets.aruco import Refusal
 from drivers import arguments
 from drivers.clock import NS_PER_S
-from drivers.errors import counted, unknown_name
+from drivers.errors import plural, unknown_name
 from drivers.realtime import compute_in_one_thread
 from drivers.types import ArmState, Image
 from drivers.values import short_repr
@@ -116,7 +116,7 @@ class SensorFrame:
     __repr__ = short_repr
 
 
-def _stored(path: str, doc: str) -> Any:
+def _stored_value(path: str, doc: str) -> Any:
     """Return a read-only property with a stored value, at a path of attributes."""
     return property(attrgetter(path), doc=doc)
 
@@ -135,18 +135,20 @@ class Lift:
     def __repr__(self) -> str:
         return f"<Lift {self.number}: {self.object}/{self.lift} {self.name}, {self.outcome}>"
 
-    number: int = _stored("_row.number", "Number of the lift in the session, from 1.")
-    object: str = _stored("_row.object", "Id of the object.")
-    name: str = _stored("_row.name", "Name of the object.")
-    lift: int = _stored("_row.lift", "Number of the lift among those of this object, from 1.")
-    outcome: str = _stored(
+    number: int = _stored_value("_row.number", "Number of the lift in the session, from 1.")
+    object: str = _stored_value("_row.object", "Id of the object.")
+    name: str = _stored_value("_row.name", "Name of the object.")
+    lift: int = _stored_value("_row.lift", "Number of the lift among those of this object, from 1.")
+    outcome: str = _stored_value(
         "_row.outcome.value",
         'Outcome of the lift: "slipped", "held", "fallen", or after a reaction to slip "caught".',
     )
-    simulated: bool = _stored("_row.simulated", "Whether the bench was a simulated one.")
-    answered: float = _stored("_row.answered", "Fraction of the frames in phases B and C that have an angle.")
-    estimate: Angles = _stored("_read.estimate", "Fused angle of both fingertips.")
-    truth: Angles = _stored(
+    simulated: bool = _stored_value("_row.simulated", "Whether the bench was a simulated one.")
+    answered: float = _stored_value(
+        "_row.answered", "Fraction of the frames in phases B and C that have an angle."
+    )
+    estimate: Angles = _stored_value("_read.estimate", "Fused angle of both fingertips.")
+    truth: Angles = _stored_value(
         "_read.truth", "Ground truth from the markers, at the times of the camera frames."
     )
 
@@ -331,7 +333,7 @@ class Session:
     def __repr__(self) -> str:
         mark = "SIMULATED " if self.simulated else ""
         return (
-            f"<{mark}Session {self._folder}: {counted(len(self.lifts), 'lift')}, estimator {self.estimator}>"
+            f"<{mark}Session {self._folder}: {plural(len(self.lifts), 'lift')}, estimator {self.estimator}>"
         )
 
     def __len__(self) -> int:
@@ -340,11 +342,11 @@ class Session:
     def __iter__(self) -> Iterator[Lift]:
         return iter(self.lifts)
 
-    folder: Path = _stored("_folder", "Folder of the session.")
-    bench: str = _stored("_manifest.bench", "Name of the bench.")
-    simulated: bool = _stored("_manifest.simulated", "Whether the bench was a simulated one.")
-    estimator: str = _stored("_manifest.estimator", "Name of the estimator that ran during the lifts.")
-    started: str = _stored("_manifest.started", "Start of the session, UTC, to the second.")
+    folder: Path = _stored_value("_folder", "Folder of the session.")
+    bench: str = _stored_value("_manifest.bench", "Name of the bench.")
+    simulated: bool = _stored_value("_manifest.simulated", "Whether the bench was a simulated one.")
+    estimator: str = _stored_value("_manifest.estimator", "Name of the estimator that ran during the lifts.")
+    started: str = _stored_value("_manifest.started", "Start of the session, UTC, to the second.")
 
     @property
     def complete(self) -> bool:

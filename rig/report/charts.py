@@ -12,10 +12,10 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from drivers.errors import InputError, counted
+from drivers.errors import InputError, plural
 from drivers.types import Image
 from protocols.grasps import GraspFile, find_grasp_file
-from rig.pages.figure import PX_PER_INCH, Spot, band, drawing, legend_above, limits, placed
+from rig.pages.figure import PX_PER_INCH, Spot, add_axes, band, drawing, legend_above, limits
 from rig.pages.palette import (
     BAD,
     ESTIMATE,
@@ -85,7 +85,7 @@ def boxes(
             lowest, first, median, third, largest = five
             text = (
                 f"{name}: median {median:.2f}, middle half {first:.2f} to {third:.2f}, "
-                f"least {lowest:.2f}, largest {largest:.2f}; {counted(values.size, 'value')}"
+                f"least {lowest:.2f}, largest {largest:.2f}; {plural(values.size, 'value')}"
             )
             spots += [Spot(float(x), i, text) for x in five]
         axes.set_yticks(range(len(groups)), [fill(name, _LABEL_CHARACTERS) for name in groups])
@@ -159,7 +159,7 @@ def _percentiles(axes: Axes, errors: Floats, values: Floats, edges: tuple[float,
         )  # fmt: skip
         text = (
             f"{begin:g} to {end:g}: median {middle:.2f}, middle half {first:.2f} to {third:.2f}, "
-            f"middle 90 % {low:.2f} to {high:.2f}; {counted(group.size, 'frame')}"
+            f"middle 90 % {low:.2f} to {high:.2f}; {plural(group.size, 'frame')}"
         )
         spots += [Spot(i, float(y), text) for y in (low, first, middle, third, high)]
         axes.plot([i], [middle], "o", color=INK.light, markersize=5, label=median)
@@ -290,7 +290,7 @@ def surface_chart(lifts: Sequence[Lift], own: Sequence[GraspFile] = ()) -> Chart
     """
     groups = errors_by(lifts, lambda lift: surface(lift, own))
     counts = Counter(surface(lift, own) for lift in lifts)
-    groups = {f"{s} ({counted(counts[s], 'lift')})": groups[s] for s in SURFACES if s in groups}
+    groups = {f"{s} ({plural(counts[s], 'lift')})": groups[s] for s in SURFACES if s in groups}
     caption = (
         "Phase B, by what the fingers hold (as the object files name it): the paper's edge and cylinder."
     )
@@ -375,7 +375,7 @@ def draw_lift(figure: Figure, lift: Lift, ranges: Ranges | None = None, until_s:
     estimate, (low, high) = lift.estimate, axes.get_ylim()
     spread = SIGMAS * estimate.sigma_deg
     range_s = ranges[0][0], min(until_s, ranges[0][1])
-    shown = _shown(estimate, range_s)
+    shown = _is_in_range(estimate, range_s)
     if np.isfinite(spread[shown]).any():
         spreads = estimate.time_s[shown], estimate.angle_deg[shown], spread[shown]
         band(axes, *spreads, ESTIMATE.light, f"\u00b1{SIGMAS:g} sigma")
@@ -392,7 +392,7 @@ def draw_lift(figure: Figure, lift: Lift, ranges: Ranges | None = None, until_s:
     bottom = axes
     if tips:
         height = figure.get_size_inches()[1] * PX_PER_INCH
-        bottom = placed(figure, _LEFT_PX, height - _BOTTOM_PX - states_px + 3.0, _RIGHT_PX, _BOTTOM_PX)
+        bottom = add_axes(figure, _LEFT_PX, height - _BOTTOM_PX - states_px + 3.0, _RIGHT_PX, _BOTTOM_PX)
         bottom.set_xlim(axes.get_xlim())
         axes.tick_params(labelbottom=False)
         _draw_states(bottom, tips, until_s)
@@ -402,7 +402,7 @@ def draw_lift(figure: Figure, lift: Lift, ranges: Ranges | None = None, until_s:
 
 def _lift_axes(figure: Figure, lift: Lift, shown: Range, ranges: Ranges, below_px: float = 0.0) -> Axes:
     """Return axes with the phases of a lift in its shown range; below_px: more margin at the bottom."""
-    axes = placed(figure, _LEFT_PX, _TOP_PX, _RIGHT_PX, _BOTTOM_PX + below_px)
+    axes = add_axes(figure, _LEFT_PX, _TOP_PX, _RIGHT_PX, _BOTTOM_PX + below_px)
     axes.set(xlim=ranges[0], ylim=ranges[1])
     axes.set_ylabel("angle, degrees")
     axes.yaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 5, 10]))
@@ -426,11 +426,11 @@ def _plot(
 ) -> None:
     """Draw curves in a range of time, each with its colour and dashes, and its label in a legend."""
     for (curve, colour, dashes), label in zip(curves, labels or [""] * len(curves), strict=True):
-        shown = _shown(curve, range_s)
+        shown = _is_in_range(curve, range_s)
         axes.plot(curve.time_s[shown], curve.angle_deg[shown], color=colour.light, dashes=dashes, label=label)
 
 
-def _shown(curve: Angles, range_s: Range) -> np.ndarray:
+def _is_in_range(curve: Angles, range_s: Range) -> np.ndarray:
     return (curve.time_s >= range_s[0]) & (curve.time_s <= range_s[1])
 
 
@@ -468,7 +468,7 @@ def shown_range(lift: Lift) -> Range:
 def angle_range(lift: Lift) -> Range:
     """Return the range of the angle axis of a lift's chart, deg."""
     range_s = shown_range(lift)
-    values = [curve.angle_deg[_shown(curve, range_s)] for curve in (lift.estimate, lift.truth)]
+    values = [curve.angle_deg[_is_in_range(curve, range_s)] for curve in (lift.estimate, lift.truth)]
     values += [np.percentile(angles, _MOST_BEFORE) for _, angles in before_lift(lift)]
     low, high = limits(*values, room=0.08, least=0.1)
     missing = max(_LEAST_SPAN_DEG - (high - low), 0.0) / 2
@@ -526,12 +526,12 @@ class CurvePanel:
 
 def draw_panel(lift: Lift, ranges: Ranges, width_px: int, height_px: int) -> CurvePanel:
     (whole, origin, one), (empty, *_) = (
-        _drawn(lift, ranges, width_px, height_px, until_s) for until_s in (np.inf, -np.inf)
+        _draw(lift, ranges, width_px, height_px, until_s) for until_s in (np.inf, -np.inf)
     )
     return CurvePanel(whole, empty, origin, one - origin)
 
 
-def _drawn(
+def _draw(
     lift: Lift, ranges: Ranges, width_px: int, height_px: int, until_s: float
 ) -> tuple[Image, float, float]:
     """Return the image, and the columns of the times 0 s and 1 s."""

@@ -8,14 +8,14 @@ from textwrap import fill
 import numpy as np
 from matplotlib.axes import Axes
 
-from drivers.errors import InputError, counted
+from drivers.errors import InputError, plural
 from protocols.reaction import ReactionKind
 from rig.experiments.process_pool import run_in_order
 from rig.pages.figure import Spot, drawing
 from rig.pages.page import render
 from rig.pages.palette import FIRST, INK, MUTED, SECOND, TRUTH
 from rig.report.charts import pair_chart
-from rig.report.explored import explored, pair_panels
+from rig.report.explored import explorer_data, pair_panels
 from rig.report.parts import Chart, Table, made_text
 from rig.results.metrics import (
     FEWEST_LIFTS,
@@ -97,7 +97,7 @@ class OwnError:
 
     @property
     def text(self) -> str:
-        lifts = f" over {counted(self.mare.lifts, 'lift')}" if self.mare and not self.mare.refused else ""
+        lifts = f" over {plural(self.mare.lifts, 'lift')}" if self.mare and not self.mare.refused else ""
         return f"{self.name}, {self.reaction}: mean error in B and C {mare_text(self.mare)}{lifts}"
 
     def as_json(self) -> dict[str, object]:
@@ -184,11 +184,11 @@ def compare_lifts(
     pairs = tuple((left[key], right[key]) for key in keys)
     alike = tuple(pair for pair in pairs if pair[0].react is pair[1].react)
     figures = [replace(f, smaller=None) if same_estimator and f is TIME else f for f in FIGURES]
-    overall = (paired(figure, alike if figure.of_turn else pairs) for figure in figures)
+    overall = (compare_figure(figure, alike if figure.of_turn else pairs) for figure in figures)
     objects: dict[str, list[Pair]] = {}
     for pair in alike:
         objects.setdefault(pair[0].label, []).append(pair)
-    found = {name: paired(ERROR, own) for name, own in objects.items()}
+    found = {name: compare_figure(ERROR, own) for name, own in objects.items()}
     apart: dict[tuple[str, ReactionKind], list[ErrorSummary | None]] = {}
     for pair in (pair for pair in pairs if pair[0].react is not pair[1].react):
         for name, lift in zip(names, pair, strict=True):
@@ -216,7 +216,7 @@ def differences(figure: Figure, pairs: Iterable[Pair]) -> tuple[Floats, Floats]:
     return values[:, 0], values[:, 1]
 
 
-def paired(figure: Figure, pairs: Sequence[Pair]) -> Paired | None:
+def compare_figure(figure: Figure, pairs: Sequence[Pair]) -> Paired | None:
     """Compare one figure; None if no pair has it."""
     first, second = differences(figure, pairs)
     if not first.size:
@@ -341,7 +341,7 @@ def _drawn_pair(names: tuple[str, str], numbered: tuple[int, tuple[Lift, Lift]])
         for name, error in zip(names, errors, strict=True)
     ]
     chart = pair_chart(first, second, "; ".join(parts))
-    data = explored(first, pair_panels(names, first, second))
+    data = explorer_data(first, pair_panels(names, first, second))
     return rank, replace(chart, anchor=f"lift-{number}", explored=data, drawn=chart.draw(), figure=None)
 
 

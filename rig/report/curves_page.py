@@ -7,27 +7,27 @@ from pathlib import Path
 import numpy as np
 
 from drivers.clock import NS_PER_S
-from drivers.errors import FormatError, InputError, counted
-from drivers.formats import CsvTable, parse_number, read_csv, shown
+from drivers.errors import FormatError, InputError, plural
+from drivers.formats import CsvTable, parse_number, quote, read_csv
 from rig.lift.onset import slip_onset_ns
 from rig.lift.result import FINAL_S
 from rig.pages.page import render
 from rig.report.advice import sigma_notices
 from rig.report.charts import boxes, coverage_chart, error_against, finals_chart, key, lift_chart
-from rig.report.explored import angle_panels, explored
+from rig.report.explored import angle_panels, explorer_data
 from rig.report.parts import (
     Notice,
     ReportPage,
     Table,
     anchor,
     angle_text,
-    linked,
+    link_lifts,
     made_text,
     mare_tile,
     table_of,
 )
 from rig.results.metrics import FEWEST_LIFTS, INTERVAL, Floats, Mare, mare_of, mare_text, summarize
-from rig.results.scores import AXIS_DEG, TURN_DEG, unwrapped
+from rig.results.scores import AXIS_DEG, TURN_DEG, unwrap
 from rig.sessions.records import Lift, lift_of_table
 from rig.tactile.angles import FUSED, MARKERS, Angles
 
@@ -86,9 +86,9 @@ def read_table(path: Path, number: int = 1) -> Lift:
         estimate = Angles(time_s, columns["estimate"], columns.get("sigma", np.empty(0)))
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
-    truth, notes = unwrapped(f"{path}: the true angle", truth, AXIS_DEG)
+    truth, notes = unwrap(f"{path}: the true angle", truth, AXIS_DEG)
     phases, onset_s = detected_phases(truth)
-    estimate, more = unwrapped(f"{path}: the estimate", estimate, TURN_DEG)
+    estimate, more = unwrap(f"{path}: the estimate", estimate, TURN_DEG)
     lift = lift_of_table(
         number=number,
         name=path.stem.replace("_", " "),
@@ -127,10 +127,10 @@ def _columns(path: Path) -> dict[str, Floats]:
         if index is not None:
             found[what] = _numbers(table, index)
         elif what != "sigma":
-            there = ", ".join(map(shown, heads[:8])) or "nothing"
+            there = ", ".join(map(quote, heads[:8])) or "nothing"
             raise InputError(f"{path}: no column {' or '.join(names)}; it has {there}")
     if len(table.lines) < 2:
-        raise InputError(f"{path}: holds {counted(len(table.lines), 'row')}; a curve needs at least two")
+        raise InputError(f"{path}: holds {plural(len(table.lines), 'row')}; a curve needs at least two")
     return found
 
 
@@ -146,7 +146,7 @@ def _numbers(table: CsvTable, index: int) -> Floats:
         except FormatError as error:
             raise InputError(f"{table.where}: line {line}: {table.columns[index]} {error}") from error
         if abs(values[number]) > _LARGEST:
-            raise InputError(f"{table.where}: line {line}: {shown(cell)} is beyond {_LARGEST:g}")
+            raise InputError(f"{table.where}: line {line}: {quote(cell)} is beyond {_LARGEST:g}")
     return values
 
 
@@ -178,7 +178,7 @@ def curves_page(lifts: Sequence[Lift], notes: Sequence[str]) -> ReportPage:
     charts, table = [chart for chart in charts if chart is not None], _table(lifts, value)
     drawn = []
     for lift in lifts:
-        chart, data = lift_chart(lift, _caption(lift)), explored(lift, angle_panels(lift))
+        chart, data = lift_chart(lift, _caption(lift)), explorer_data(lift, angle_panels(lift))
         drawn.append(replace(chart, anchor=anchor(lift), explored=data))
     page = render(
         "rig.report",
@@ -194,7 +194,7 @@ def curves_page(lifts: Sequence[Lift], notes: Sequence[str]) -> ReportPage:
         lifts=drawn,
         key=key(states=False),
         interval=INTERVAL,
-        title=f"Rotation of {counted(len(lifts), 'lift')}",
+        title=f"Rotation of {plural(len(lifts), 'lift')}",
         made=made_text(),
     )
     return ReportPage(page, [*charts, *drawn], table)
@@ -204,7 +204,7 @@ def _table(lifts: Sequence[Lift], value: Mare | None) -> Table:
     return table_of(
         lifts,
         {
-            "lift": lambda of: linked(of.name, {of.name: anchor(of)}),
+            "lift": lambda of: link_lifts(of.name, {of.name: anchor(of)}),
             "mean error, °": lambda of: (
                 f"{e.mean_deg:.2f} ± {e.std_deg:.2f}" if (e := of.re) else "no answer"
             ),
@@ -226,7 +226,7 @@ def _notices(lifts: Sequence[Lift], notes: Sequence[str]) -> list[Notice]:
     notices = [Notice("warn", "A file was left out.", note.removeprefix("left out: ")) for note in notes]
     if len(lifts) < FEWEST_LIFTS:
         advice = f"Below {FEWEST_LIFTS} lifts the mean has no interval, and one lift can decide."
-        notices.append(Notice("warn", f"Only {counted(len(lifts), 'lift')}.", advice))
+        notices.append(Notice("warn", f"Only {plural(len(lifts), 'lift')}.", advice))
     if silent := [lift.name for lift in lifts if lift.re is None]:
         advice = "No row has both angles: see that the columns are the right ones and in degrees."
         notices.append(Notice("bad", f"No error can be computed for {', '.join(silent)}.", advice))

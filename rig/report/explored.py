@@ -47,7 +47,7 @@ MOST_BYTES, LEAST_FILM_BYTES = 5_900_000, 6_000
 Json = dict[str, Any]
 
 
-def explored(lift: Lift, panels: Sequence[Json], film: str | None = None) -> Json:
+def explorer_data(lift: Lift, panels: Sequence[Json], film: str | None = None) -> Json:
     """Return the data of a lift for the page's program, as JSON values."""
     start, end = shown_range(lift)
     onsets = ((TRUTH, lift.onset_truth_s), (ESTIMATE, lift.onset_estimate_s))
@@ -137,7 +137,7 @@ def recorded_lift(path: Path, lift: Lift, film: str | None = None) -> Json:
     if openings:
         times, opening = np.array(openings, float).T
         panels.append(_panel("grip, mm", [_series(lift, "gripper's opening", INK, times, opening)]))
-    return explored(lift, panels, film)
+    return explorer_data(lift, panels, film)
 
 
 def lift_film(path: Path, lift: Lift, manifest: TrialManifest, most_bytes: int) -> Json:

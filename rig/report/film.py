@@ -23,7 +23,7 @@ from rig.frames.estimates import EstimatedSeries
 from rig.pages.palette import ESTIMATE, INK, MUTED, PAPER, PHASE, TRUTH
 from rig.report.charts import CurvePanel, Ranges, common_ranges, draw_panel
 from rig.report.own_frames import estimate_lift, tip_of
-from rig.report.strips import TipFrames, angles_at, caption, drawn, read_tip, rgb
+from rig.report.strips import TipFrames, angles_at, caption, draw_contact, read_tip, rgb
 from rig.sessions.manifest import TrialManifest
 from rig.sessions.reading import recorded_frames
 from rig.sessions.records import Lift
@@ -213,7 +213,7 @@ def _scene(of: Filmed | EstimatedSeries) -> _Scene:
         tips.append((tip, _newest(((f.time_ns - zero_ns) / NS_PER_S, f.image) for f in tip.frames)))
     cameras = [serial for serial in manifest.serials if serial not in signs]
     seen = (frame for serial in cameras for frame in recorded_frames(path, serial, gaps=[]))
-    camera = (((frame.time_ns - zero_ns) / NS_PER_S, _scaled(frame.image)) for frame in seen)
+    camera = (((frame.time_ns - zero_ns) / NS_PER_S, _scale(frame.image)) for frame in seen)
     mark = "SIMULATED, " if manifest.simulated else ""
     reaction = "" if manifest.react is ReactionKind.NONE else f", on a slip: {manifest.react}"
     return _Scene(f"{mark}{lift.title}{reaction}", lift, tuple(tips), _newest(camera))
@@ -241,12 +241,12 @@ def _pictures(scenes: Sequence[_Scene], step_s: float, width_px: int | None) -> 
         rows = [_picture(scene, float(time_s)) for scene in scenes]
         width = max(row.shape[1] for row in rows)
         legend = _legend(width, any(scene.lift.phases_s for scene in scenes))
-        picture = np.concatenate([*(_widened(row, width) for row in rows), legend])
+        picture = np.concatenate([*(_widen(row, width) for row in rows), legend])
         # most codecs reject an odd last row and column
         picture = picture[: picture.shape[0] // 2 * 2, : width // 2 * 2]
         if width_px is not None:
             height_px = round(picture.shape[0] * width_px / picture.shape[1])
-            picture = _resized(picture, width_px, height_px)[: height_px // 2 * 2, : width_px // 2 * 2]
+            picture = _resize(picture, width_px, height_px)[: height_px // 2 * 2, : width_px // 2 * 2]
         yield np.ascontiguousarray(picture)
 
 
@@ -255,7 +255,7 @@ def _panel(scene: _Scene, width_px: int) -> CurvePanel:
     return draw_panel(scene.lift, scene.ranges, width_px, CURVE_PX)
 
 
-def _widened(picture: Image, width: int) -> Image:
+def _widen(picture: Image, width: int) -> Image:
     missing = _blank(picture.shape[0], width - picture.shape[1])
     return np.concatenate([picture, missing], axis=1)
 
@@ -264,16 +264,16 @@ def _picture(scene: _Scene, time_s: float) -> Image:
     panels = []
     for tip, image_at in scene.tips:
         image, angles = image_at(time_s), angles_at(scene.lift, tip.serial, time_s)
-        picture = _empty("no frames") if image is None else _scaled(drawn(image, tip, *angles))
-        panels.append(_labelled(picture, tip.serial))
+        picture = _empty("no frames") if image is None else _scale(draw_contact(image, tip, *angles))
+        panels.append(_label(picture, tip.serial))
     if scene.camera is not None:
         view = scene.camera(time_s)
-        panels.append(_empty("no camera frames") if view is None else _labelled(view, "camera"))
+        panels.append(_empty("no camera frames") if view is None else _label(view, "camera"))
     gap = _blank(HEIGHT_PX, GAP_PX)
     row = np.concatenate([part for panel in panels for part in (panel, gap)][:-1], axis=1)
     width = max(row.shape[1], LEAST_WIDTH_PX)
     curve = _panel(scene, width).until(time_s)
-    return np.concatenate([_widened(row, width), curve, _band(scene, time_s, width)])
+    return np.concatenate([_widen(row, width), curve, _band(scene, time_s, width)])
 
 
 def _band(scene: _Scene, time_s: float, width: int) -> Image:
@@ -313,15 +313,15 @@ def _blank(height: int, width: int) -> Image:
     return np.full((height, width, 3), rgb(PAPER.light), np.uint8)
 
 
-def _scaled(image: Image) -> Image:
-    return _resized(image, round(image.shape[1] * HEIGHT_PX / image.shape[0]), HEIGHT_PX)
+def _scale(image: Image) -> Image:
+    return _resize(image, round(image.shape[1] * HEIGHT_PX / image.shape[0]), HEIGHT_PX)
 
 
-def _resized(image: Image, width_px: int, height_px: int) -> Image:
+def _resize(image: Image, width_px: int, height_px: int) -> Image:
     return np.asarray(cv2.resize(image, (width_px, height_px), interpolation=cv2.INTER_AREA), np.uint8)
 
 
-def _labelled(picture: Image, text: str) -> Image:
+def _label(picture: Image, text: str) -> Image:
     labelled = picture.copy()
     for colour, thick in (((0, 0, 0), 3), ((255, 255, 255), 1)):
         cv2.putText(labelled, text, (8, 20), _TEXT, 0.5, colour, thick, cv2.LINE_AA)
@@ -329,4 +329,4 @@ def _labelled(picture: Image, text: str) -> Image:
 
 
 def _empty(text: str) -> Image:
-    return _labelled(np.full((HEIGHT_PX, HEIGHT_PX, 3), 128, np.uint8), text)
+    return _label(np.full((HEIGHT_PX, HEIGHT_PX, 3), 128, np.uint8), text)

@@ -10,7 +10,7 @@ from rig.frames.estimates import EstimatedSeries
 from rig.pages.page import render
 from rig.report.charts import key, lift_chart
 from rig.report.parts import Notice, Table, angle_text, made_text, table_of
-from rig.report.strips import FRAMES, Still, TipFrames, caption, drawn, still, tip_at_zero
+from rig.report.strips import FRAMES, Still, TipFrames, caption, draw_contact, still, tip_at_zero
 from rig.sessions.records import Lift, lift_of_table
 from rig.tactile.angles import FUSED
 from rig.tactile.contact.finder import ContactFinder
@@ -43,7 +43,7 @@ def estimate_page(of: Sequence[EstimatedSeries], source: str, about: str, simula
         figures=_table(of),
         warnings=[Notice("warn", f"{one.name}: {text}", "") for one in of for text in one.warnings],
         key=key(truth=False),
-        shown=[_shown(one) for one in of],
+        shown=[_page_values(one) for one in of],
         made=made_text(),
     )
 
@@ -74,7 +74,7 @@ def _table(of: Sequence[EstimatedSeries]) -> Table:
     )
 
 
-def _shown(series: EstimatedSeries) -> dict[str, object]:
+def _page_values(series: EstimatedSeries) -> dict[str, object]:
     where = f"0 degrees is {series.figures.reference}; angles from {series.angles_from}"
     return {
         "chart": lift_chart(estimate_lift(series), where),
@@ -93,7 +93,7 @@ def _stills(series: EstimatedSeries) -> list[Still]:
     stills = []
     for place, image in _images(series, wanted).items():
         angle, time_s = float(angles[place]), estimate.times[place].time_ns / NS_PER_S
-        stills.append(still(drawn(image, tip, angle, np.nan), caption(time_s, angle)))
+        stills.append(still(draw_contact(image, tip, angle, np.nan), caption(time_s, angle)))
     return stills
 
 

@@ -105,7 +105,7 @@ def anchor(lift: Lift) -> str:
     return f"lift-{lift.number}"
 
 
-def joined(items: Sequence[str], most: int = 4) -> str:
+def join_items(items: Sequence[str], most: int = 4) -> str:
     """Return items as an enumeration, of many only the first `most`."""
     shown = list(items[:most])
     if len(items) > most:
@@ -113,7 +113,7 @@ def joined(items: Sequence[str], most: int = 4) -> str:
     return shown[0] if len(shown) == 1 else ", ".join(shown[:-1]) + f" and {shown[-1]}" if shown else ""
 
 
-def linked(text: str, anchors: Mapping[str, str]) -> Markup:
+def link_lifts(text: str, anchors: Mapping[str, str]) -> Markup:
     """Return a text as HTML, with each name of a lift in it as a link. anchors: ids in the page, by name."""
     text = with_minus(text)
     if not anchors:

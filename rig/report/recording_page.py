@@ -13,7 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.patheffects import Normal, Stroke
 from numpy.typing import NDArray
 
-from drivers.errors import InputError, counted
+from drivers.errors import InputError, plural
 from drivers.images import encode_jpeg, load_image
 from drivers.types import Image
 from protocols.grasps import find_grasp_file, grasp_poses
@@ -21,7 +21,7 @@ from rig.pages.figure import drawing, legend_above
 from rig.pages.page import render
 from rig.pages.palette import FIRST, INK, SECOND
 from rig.report.advice import calibration_notices, calibration_table
-from rig.report.parts import Chart, Notice, Table, header, joined, made_text, table_of
+from rig.report.parts import Chart, Notice, Table, header, join_items, made_text, table_of
 from rig.report.session import read_usable
 from rig.report.strips import JPEG_QUALITY
 from rig.sessions.files import RESULTS, reference_file
@@ -86,7 +86,7 @@ def read_recording(folder: Path, manifest: RecordManifest) -> Recording:
     serials = sorted({about.serial for row in rows for about in row.images})
     references = {serial: load_image(folder / reference_file(serial)) for serial in serials}
     if without := [serial for serial, reference in references.items() if reference is None]:
-        what = f"The reference image of {joined(without)} cannot be read."
+        what = f"The reference image of {join_items(without)} cannot be read."
         advice = "Contacts cannot be detected there: copy the session's reference folder again."
         problems.append(Notice("bad", what, advice))
     taken, missing = [], []
@@ -102,7 +102,7 @@ def read_recording(folder: Path, manifest: RecordManifest) -> Recording:
                 angle = axis.angle_deg if axis is not None and axis.elongation >= ROUND else None
                 taken.append(Taken(row, about, image, contact, angle))
     if missing:
-        what = f"{counted(len(missing), 'image')} cannot be read: {joined(missing)}."
+        what = f"{plural(len(missing), 'image')} cannot be read: {join_items(missing)}."
         problems.append(Notice("bad", what, "They are missing below: copy them again from the rig's disk."))
     return Recording(folder, manifest, rows, taken, problems)
 
@@ -186,7 +186,7 @@ def _notices(
     found, manifest = [*recording.problems], recording.manifest
     if manifest.status != "complete":
         advice = f"Continue with rig record --resume --out {recording.folder}."
-        what = f"Unfinished: {recording.accepted} of {counted(manifest.poses, 'pose')}."
+        what = f"Unfinished: {recording.accepted} of {plural(manifest.poses, 'pose')}."
         found.append(Notice("bad", what, advice))
     if not whole:
         advice = (
@@ -212,9 +212,9 @@ def _gaps(serial: str, taken: Sequence[Taken]) -> list[str]:
         if cell.max() == 0.0
     ]
     if cells:
-        found.append(f"{serial} was never touched {joined(cells)}")
+        found.append(f"{serial} was never touched {join_items(cells)}")
     if len(axes_deg(taken)) >= FEWEST_FOR_AXES and (empty := empty_orientations(taken)):
-        names = joined([f"{low:+.0f} to {high:+.0f}" for low, high in empty])
+        names = join_items([f"{low:+.0f} to {high:+.0f}" for low, high in empty])
         found.append(f"{serial} has no contact with a long axis at {names} degrees")
     return found
 
@@ -303,7 +303,7 @@ def _sheets(images: Sequence[Taken]) -> list[dict[str, object]]:
         grips = [image.about.grip_counts for image in taken if image.about.grip_counts is not None]
         how = f"grips of {min(grips)} to {max(grips)} steps past contact" if grips else "pressed by hand"
         title = f"Pose {pose}: {taken[0].row.position} at {taken[0].row.orientation_deg:+.0f}°"
-        caption = f"{counted(len(taken), 'image')} of {joined(list(_by_serial(taken)))}, {how}"
+        caption = f"{plural(len(taken), 'image')} of {join_items(list(_by_serial(taken)))}, {how}"
         sheets.append({"title": title, "caption": caption, "jpeg": encode_jpeg(montage(taken), JPEG_QUALITY)})
     return sheets
 
@@ -312,7 +312,7 @@ def montage(taken: Sequence[Taken]) -> Image:
     """Arrange the images: a row per sensor below its name, each image above its grip."""
     bands = []
     for serial, own in _by_serial(taken).items():
-        bands.append(_written(serial, ACROSS * (THUMB_PX[0] + GAP_PX)))
+        bands.append(_draw_text(serial, ACROSS * (THUMB_PX[0] + GAP_PX)))
         bands += [_row(own[start : start + ACROSS]) for start in range(0, len(own), ACROSS)]
     return np.concatenate(bands)
 
@@ -327,12 +327,12 @@ def _row(taken: Sequence[Taken]) -> Image:
             cv2.polylines(picture, [outline], True, (255, 255, 255), 3, cv2.LINE_AA)
         small = cv2.resize(picture, THUMB_PX, interpolation=cv2.INTER_AREA)
         row[:height, left : left + THUMB_PX[0]] = small
-        text = "by hand" if grip is None else counted(grip, "step")
-        row[height:, left : left + width] = _written(text, width)
+        text = "by hand" if grip is None else plural(grip, "step")
+        row[height:, left : left + width] = _draw_text(text, width)
     return row
 
 
-def _written(text: str, width: int) -> Image:
+def _draw_text(text: str, width: int) -> Image:
     """Draw a line of text, (LABEL_PX, width, 3) uint8."""
     band, place, font = np.full((LABEL_PX, width, 3), _BETWEEN, np.uint8), (2, LABEL_PX - 4), 0.38
     cv2.putText(band, text, place, cv2.FONT_HERSHEY_SIMPLEX, font, (255, 255, 255), 1, cv2.LINE_AA)

@@ -9,15 +9,15 @@ from typing import TypeVar
 
 from google.protobuf.message import DecodeError
 
-from drivers.errors import InputError, RigError, SessionError, counted
+from drivers.errors import InputError, RigError, SessionError, plural
 from rig.experiments.process_pool import run_in_order
-from rig.report.parts import Notice, joined
+from rig.report.parts import Notice, join_items
 from rig.sessions.codec import Codec
 from rig.sessions.files import RESULTS
 from rig.sessions.manifest import TrialManifest
 from rig.sessions.reading import read_angles
 from rig.sessions.recording_file import recording_gaps
-from rig.sessions.records import LIFTS, Lift, LiftTiming, finished
+from rig.sessions.records import LIFTS, Lift, LiftTiming, accepted_lifts
 from rig.sessions.rows import read_timing, readable_rows
 
 Record = TypeVar("Record")
@@ -44,12 +44,12 @@ def read_trial(folder: Path, manifest: TrialManifest, jobs: int = 1) -> Trial:
     """Read the lifts of a trial, in `jobs` processes; damaged parts are left out and reported."""
     rows, problems = read_usable(folder / RESULTS["trial"], LIFTS)
     timing = read_timing(folder)
-    done = sorted(finished(rows), key=lambda row: row.number)
+    done = sorted(accepted_lifts(rows), key=lambda row: row.number)
     read = list(run_in_order(partial(_read_usable, folder, manifest), done, jobs))
     lifts = [lift for lift, _ in read]
     damaged = [f"{lift.title} ({lift.recording}: {why})" for lift, why in read if why is not None]
     if damaged:
-        what = f"{len(damaged)} of {counted(len(lifts), 'recording')} cannot be read: {joined(damaged)}."
+        what = f"{len(damaged)} of {plural(len(lifts), 'recording')} cannot be read: {join_items(damaged)}."
         advice = (
             "Their results are in the tables; their curves and frames are missing. Copy the session again "
             "from the rig's disk, or repeat these lifts."
@@ -57,12 +57,12 @@ def read_trial(folder: Path, manifest: TrialManifest, jobs: int = 1) -> Trial:
         problems.append(Notice("bad", what, advice))
     gaps = [(lift, lift.notes) for lift in lifts if lift.notes]
     if gaps:
-        named = joined([f"{lift.title} ({lift.recording}: {joined(list(of))})" for lift, of in gaps])
+        named = join_items([f"{lift.title} ({lift.recording}: {join_items(list(of))})" for lift, of in gaps])
         advice = (
             "Their results are in the tables; curves and frames are shown without the damaged parts. Copy "
             "the session again from the rig's disk, or repeat these lifts."
         )
-        what = f"{len(gaps)} of {counted(len(lifts), 'recording')} are damaged in part: {named}."
+        what = f"{len(gaps)} of {plural(len(lifts), 'recording')} are damaged in part: {named}."
         problems.append(Notice("bad", what, advice))
     return Trial(folder, manifest, rows, lifts, timing, problems)
 
@@ -90,7 +90,7 @@ def find_lift(folder: Path, manifest: TrialManifest, wanted: str | None) -> Lift
     `InputError` with the existing lifts for a missing one.
     """
     rows, problems = read_usable(folder / RESULTS["trial"], LIFTS)
-    lifts = sorted(finished(rows), key=lambda row: row.number)
+    lifts = sorted(accepted_lifts(rows), key=lambda row: row.number)
     for row in lifts:
         names = {str(row.number), f"{row.object}/{row.lift}", f"{row.name}/{row.lift}"}
         if wanted is None or wanted.strip() in names:
@@ -98,7 +98,7 @@ def find_lift(folder: Path, manifest: TrialManifest, wanted: str | None) -> Lift
                 return _read_lift(folder, row, manifest)
             except UNREADABLE as error:
                 raise SessionError(f"{folder / row.recording}: cannot be read ({_why(error)})") from error
-    there = joined([f"{row.number} ({row.object}/{row.lift} {row.name})" for row in lifts], 6)
+    there = join_items([f"{row.number} ({row.object}/{row.lift} {row.name})" for row in lifts], 6)
     why = "".join(f"; {problem.what}" for problem in problems)
     which = "" if wanted is None else f" '{wanted}'"
     raise InputError(f"{folder}: no finished lift{which}; there are {there or 'none'}{why}")
@@ -116,8 +116,8 @@ def read_usable(path: Path, codec: Codec[Record]) -> tuple[list[Record], list[No
         return [], [Notice("bad", missing, advice)]
     if not damaged:
         return rows, []
-    where = joined([f"line {number}: {problem}" for number, problem in damaged.items()])
-    what = f"{path.name}: {len(damaged)} of {counted(len(damaged) + len(rows), 'line')} damaged ({where})."
+    where = join_items([f"line {number}: {problem}" for number, problem in damaged.items()])
+    what = f"{path.name}: {len(damaged)} of {plural(len(damaged) + len(rows), 'line')} damaged ({where})."
     advice = "They are not in any figure. Copy the file again from the rig's disk, or remove those lines."
     return rows, [Notice("bad", what, advice)]
 

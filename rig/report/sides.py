@@ -16,7 +16,7 @@ from rig.results.notes import lift_note
 from rig.sessions.files import RESULTS
 from rig.sessions.manifest import TrialManifest, is_session, read_manifest_of
 from rig.sessions.reading import read_angles
-from rig.sessions.records import LIFTS, Lift, finished
+from rig.sessions.records import LIFTS, Lift, accepted_lifts
 from rig.sessions.rows import read_timing, read_usable_lifts
 from rig.tactile.angles import FUSED, MARKERS
 from rig.tactile.estimators import ESTIMATORS
@@ -54,7 +54,7 @@ def _stored_side(folder: Path, name: str | None, manifest: TrialManifest) -> Sid
     timed = [timing for timing in read_timing(folder) if "total" in timing.stages]
     took = {(timing.number, timing.attempt): timing.stages["total"].p50_ms for timing in timed}
     lifts = []
-    for lift in finished(rows):
+    for lift in accepted_lifts(rows):
         with suppress(*UNREADABLE):
             lift = read_angles(folder, lift, manifest.signs)
         lifts.append(replace(lift, frame_ms=took.get((lift.number, lift.attempt))))

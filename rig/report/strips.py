@@ -94,16 +94,16 @@ def pictures(
     height = 0 if least_px is None else decode_stored(recorded_jpeg(messages[0][1], path)).shape[0]
     shrink = 2 if least_px is not None and height >= 2 * least_px else 1
 
-    def decoded(data: bytes) -> Image:
+    def decode(data: bytes) -> Image:
         return decode_stored(recorded_jpeg(data, path), shrink)
 
     def nearest(time_s: float) -> tuple[float, Image]:
         at = int(np.abs(begun_ns - time_s * NS_PER_S).argmin())
-        return begun_ns[at].item() / NS_PER_S, decoded(messages[at][1])
+        return begun_ns[at].item() / NS_PER_S, decode(messages[at][1])
 
     tip = None
     if sign is not None:
-        finder = ContactFinder(mean_background([decoded(data) for data in untouched[-BACKGROUND_FRAMES:]]))
+        finder = ContactFinder(mean_background([decode(data) for data in untouched[-BACKGROUND_FRAMES:]]))
         tip = tip_at_zero(serial, sign, finder, nearest(0.0)[1])
 
     def picture(time_s: float) -> tuple[Image, str]:
@@ -111,7 +111,7 @@ def pictures(
         estimate, truth = angles_at(lift, serial, seen_s)
         if tip is None:
             return image, caption(seen_s, truth)
-        return drawn(image, tip, estimate, truth), caption(seen_s, estimate, truth)
+        return draw_contact(image, tip, estimate, truth), caption(seen_s, estimate, truth)
 
     return picture
 
@@ -181,7 +181,7 @@ def tip_at_zero(serial: str, sign: int, finder: ContactFinder, zero: Image | Non
     return TipFrames(serial, sign, finder, None if axis is None else axis.angle_deg)
 
 
-def drawn(image: Image, tip: TipFrames, estimate_deg: float, truth_deg: float) -> Image:
+def draw_contact(image: Image, tip: TipFrames, estimate_deg: float, truth_deg: float) -> Image:
     """Draw contact and axes into a copy of a frame, (H, W, 3) uint8 RGB; NaN angles are left out."""
     picture = image.copy()
     contact = tip.finder.find(image)

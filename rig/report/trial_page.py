@@ -9,14 +9,14 @@ from pathlib import Path
 
 import numpy as np
 
-from drivers.errors import InputError, counted
+from drivers.errors import InputError, plural
 from protocols.reaction import ReactionKind
 from rig.experiments.process_pool import run_in_order
 from rig.pages.page import render
 from rig.report import charts
 from rig.report.advice import calibration_table, trial_notices
 from rig.report.charts import common_ranges, key, lift_chart
-from rig.report.explored import angle_panels, explored, film_mark, recorded_lift, with_films
+from rig.report.explored import angle_panels, explorer_data, film_mark, recorded_lift, with_films
 from rig.report.parts import (
     Chart,
     Notice,
@@ -24,14 +24,14 @@ from rig.report.parts import (
     Table,
     anchor,
     header,
-    linked,
+    link_lifts,
     made_text,
     mare_tile,
     table_of,
 )
 from rig.report.session import UNREADABLE, Trial, with_angles
 from rig.report.strips import Still, stored_images, strip
-from rig.results.limits import LIMIT_HEADINGS, judged, limit_rows
+from rig.results.limits import LIMIT_HEADINGS, apply_limits, limit_rows
 from rig.results.metrics import (
     FEWEST_LIFTS,
     INTERVAL,
@@ -75,7 +75,7 @@ def trial_page(
         head=header(trial.manifest, "Slip trial"),
         tiles=_tiles(trial, summary),
         warnings=[
-            replace(notice, what=linked(notice.what, anchors), advice=linked(notice.advice, anchors))
+            replace(notice, what=link_lifts(notice.what, anchors), advice=link_lifts(notice.advice, anchors))
             for notice in trial_notices(trial, now)
         ],
         objects=objects,
@@ -100,7 +100,7 @@ def trial_page(
 
 def _drawn_lift(folder: Path, keep_figure: bool, lift: Lift) -> Chart:
     """Return the chart of a lift, drawn, with the data for the page's program."""
-    data = explored(lift, angle_panels(lift))
+    data = explorer_data(lift, angle_panels(lift))
     with suppress(*UNREADABLE):  # the page has a notice about the damaged recording
         data = recorded_lift(folder / lift.recording, lift, film_mark(lift))
     chart = lift_chart(lift, lift_caption(lift))
@@ -110,7 +110,7 @@ def _drawn_lift(folder: Path, keep_figure: bool, lift: Lift) -> Chart:
 
 def _limit_table(trial: Trial) -> Table | None:
     """Return the table of limits, None without any."""
-    found = judged(trial.manifest.config.limits, trial.rows, trial.timing)
+    found = apply_limits(trial.manifest.config.limits, trial.rows, trial.timing)
     return Table(LIMIT_HEADINGS, limit_rows(found), text=(0, 1, 3)) if found else None
 
 
@@ -133,7 +133,7 @@ def object_table(summary: TrialSummary) -> Table:
 
 
 def _tiles(trial: Trial, summary: TrialSummary) -> list[tuple[str, str]]:
-    tiles = [(counted(summary.lifts_accepted, "lift"), f"of {counted(len(summary.objects), 'object')}")]
+    tiles = [(plural(summary.lifts_accepted, "lift"), f"of {plural(len(summary.objects), 'object')}")]
     if reacting := summary.reacting:
         what = (
             f"lifts caught by the reaction to slip '{reacting.kind}'; their MARE is separate from that "
@@ -214,7 +214,7 @@ def lift_table(lifts: Sequence[Lift]) -> Table:
     return table_of(
         lifts,
         {
-            "lift": lambda lift: linked(lift.title, {lift.title: anchor(lift)} if lift.angles else {}),
+            "lift": lambda lift: link_lifts(lift.title, {lift.title: anchor(lift)} if lift.angles else {}),
             "object": lambda lift: lift.label,
             **{column.heading: column.text for column in SHOWN},
         },
@@ -370,9 +370,9 @@ def _reaction_caption(row: Lift) -> str:
     if not row.reactions:
         return f"without a reaction: turned {_turn(row)}°, {row.outcome.value}"
     return (
-        f"with '{row.react.value}': turned {_turn(row)}°; {counted(len(row.reactions), 'reaction')}, "
+        f"with '{row.react.value}': turned {_turn(row)}°; {plural(len(row.reactions), 'reaction')}, "
         f"the first {row.reactions[0].command_s:.2f} s into the lift, "
-        f"{counted(row.counts_added or 0, 'grip step')} added"
+        f"{plural(row.counts_added or 0, 'grip step')} added"
     )
 
 

@@ -75,14 +75,14 @@ def write_report(
                 read_trial(of, read_manifest_of(of, TrialManifest, why), jobs) for of in (session, beside)
             ]
             page, problems = _trial_page(jobs, *both)
-        return _written(out or session / REPORT, page, problems, figures, sources)
+        return _write(out or session / REPORT, page, problems, figures, sources)
     if beside is not None:
         raise InputError(f"--beside {beside}: only a trial can be shown beside another")
     from rig.report.curves_page import curves_page, read_tables
 
     lifts, notes = read_tables(sources)
     default = sources[0] / REPORT if len(sources) == 1 and sources[0].is_dir() else Path(REPORT)
-    return _written(out or default, curves_page(lifts, notes), notes, figures, sources)
+    return _write(out or default, curves_page(lifts, notes), notes, figures, sources)
 
 
 def _session_page(folder: Path, jobs: int) -> tuple[ReportPage, tuple[str, ...]]:
@@ -130,7 +130,7 @@ def write_page(path: Path, html: str) -> None:
     write_file(path, html.encode("utf-8", "replace"))  # a folder's name need not be UTF-8
 
 
-def _written(
+def _write(
     path: Path, page: ReportPage, problems: Sequence[str], figures: str | None, sources: Sequence[Path]
 ) -> Written:
     if figures is None:

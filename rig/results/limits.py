@@ -21,7 +21,7 @@ from protocols.grasps import GraspFile, find_grasp_file
 from rig.config.messages import faults_of, place_of, refusal
 from rig.config.models import LimitConfig, LimitsFile
 from rig.results.summary import summarize_lifts
-from rig.sessions.records import Lift, LiftTiming, finished, lift_columns
+from rig.sessions.records import Lift, LiftTiming, accepted_lifts, lift_columns
 from rig.sessions.table_files import unit_of
 
 Limits = tuple[LimitConfig, ...]
@@ -153,13 +153,13 @@ def _require_figure(limit: LimitConfig, where: Callable[[], str]) -> None:
         raise InputError(f"{where()}: {error}")
 
 
-def judged(limits: Limits, rows: Sequence[Lift], timing: Sequence[LiftTiming] = ()) -> list[Judged]:
+def apply_limits(limits: Limits, rows: Sequence[Lift], timing: Sequence[LiftTiming] = ()) -> list[Judged]:
     """Return each figure that has a limit, in the order of the limits.
 
     rows: attempts of a session, of which the accepted ones count. timing: of these, if known. Raises
     `InputError` for an unknown figure, as in the limits of a session that was stored by another version.
     """
-    lifts = finished(rows)
+    lifts = accepted_lifts(rows)
     times = {(of.number, of.attempt): of for of in timing}
     found = []
     for limit in limits:
@@ -172,18 +172,20 @@ def judged(limits: Limits, rows: Sequence[Lift], timing: Sequence[LiftTiming] = 
         else:
             of = "session" if limit.object is None else own[0].name if own else limit.object
             values = [(of, summarize_lifts(own).as_json()[SESSION_FIGURES[limit.figure]])]
-        found += [Judged(of, limit.figure, value, _asked(limit), _met(limit, value)) for of, value in values]
+        found += [
+            Judged(of, limit.figure, value, _limit_text(limit), _is_met(limit, value)) for of, value in values
+        ]
     return found
 
 
-def _asked(limit: LimitConfig) -> str:
+def _limit_text(limit: LimitConfig) -> str:
     least = None if limit.lower is None else f"at least {limit.lower:g}"
     most = None if limit.upper is None else f"at most {limit.upper:g}"
     asked = f"{' and '.join(filter(None, (least, most)))} {unit_of(limit.figure) or ''}".rstrip()
     return asked if limit.object is None else f"{asked}, object {limit.object}"
 
 
-def _met(limit: LimitConfig, value: float | None) -> bool:
+def _is_met(limit: LimitConfig, value: float | None) -> bool:
     if value is None:
         return False
     return (limit.lower is None or value >= limit.lower) and (limit.upper is None or value <= limit.upper)

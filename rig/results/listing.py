@@ -12,7 +12,7 @@ from drivers.errors import InputError, SessionError, no_such
 from drivers.images import image_flaw
 from protocols.grasps import find_grasp_file
 from protocols.reaction import ReactionKind
-from rig.results.limits import judged
+from rig.results.limits import apply_limits
 from rig.results.metrics import Mare, mare_of
 from rig.results.table import REPLAYS
 from rig.sessions.about import NO_REMARKS, Remarks
@@ -25,7 +25,7 @@ from rig.sessions.manifest import (
     read_manifest,
 )
 from rig.sessions.recording_file import check_recording
-from rig.sessions.records import LIFTS, finished
+from rig.sessions.records import LIFTS, accepted_lifts
 from rig.sessions.rows import read_poses, read_rows, read_timing, rows_and_problems
 from rig.sessions.session import in_use
 
@@ -205,10 +205,10 @@ def _entry(folder: Path, sizes: Mapping[str, int], manifest: AnyManifest, quick:
     problems: list[str] = []
     if isinstance(manifest, TrialManifest):
         rows, problems = rows_and_problems(folder / RESULTS[manifest.kind], LIFTS)
-        lifts = finished(rows)
+        lifts = accepted_lifts(rows)
         done, mare = len(lifts), mare_of(lift.re for lift in lifts)
         if lifts and (limits := manifest.config.limits):
-            missed = sum(not one.met for one in judged(limits, rows, read_timing(folder)))
+            missed = sum(not one.met for one in apply_limits(limits, rows, read_timing(folder)))
         areas = [area for lift in lifts for area in lift.contact_area_px.items()]
         # The folder of all recordings is deleted to free the disk; a single missing one is damage.
         thinned = manifest.status == "complete" and not (folder / RECORDINGS).is_dir()

@@ -6,7 +6,7 @@ from math import sqrt
 
 import numpy as np
 
-from drivers.errors import counted
+from drivers.errors import plural
 from rig.sessions.records import ErrorSummary
 from rig.tactile.angles import Floats
 
@@ -65,9 +65,9 @@ def over_lifts(lifts: int, refused: int) -> str:
     """Return a text with the number of lifts in a mean and of refused lifts."""
     every = lifts + refused
     return (
-        f"over {lifts} of {counted(every, 'lift')}, {refused} refused"
+        f"over {lifts} of {plural(every, 'lift')}, {refused} refused"
         if refused
-        else f"over {counted(lifts, 'lift')}"
+        else f"over {plural(lifts, 'lift')}"
     )
 
 

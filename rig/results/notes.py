@@ -4,10 +4,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from statistics import median
 
-from drivers.errors import counted
+from drivers.errors import plural
 from rig.results.summary import ADVICE, ReactingSummary, TrialSummary, main_refusal
 from rig.results.table import Agreement, table_lift
-from rig.sessions.manifest import Manifest, TrialManifest, begun
+from rig.sessions.manifest import Manifest, TrialManifest, begin_manifest
 from rig.sessions.records import Lift
 from rig.sessions.table_files import Line
 
@@ -24,7 +24,7 @@ def lift_note(lift: Lift) -> str:
     parts = [] if turn is None else [f"turned {turn:+.1f} deg"]
     parts.append(_without_error(lift) if lift.re is None else f"mean error {lift.re.mean_deg:.2f} deg")
     if lift.reactions:
-        parts.append(counted(len(lift.reactions), "reaction"))
+        parts.append(plural(len(lift.reactions), "reaction"))
     parts += [f"WARNING: {warning}" for warning in lift.warnings]
     return f"{head}, {', '.join(parts)}"
 
@@ -52,7 +52,7 @@ def agreement_text(found: Agreement, stored: Sequence[TrialManifest] = ()) -> st
 
     stored: manifests of the sessions, if they are known.
     """
-    text = f"{found.identical} of {counted(found.lifts, 'lift')} exactly as stored"
+    text = f"{found.identical} of {plural(found.lifts, 'lift')} exactly as stored"
     if found.identical == found.lifts:
         return text
     if found.difference_deg is None:
@@ -63,7 +63,7 @@ def agreement_text(found: Agreement, stored: Sequence[TrialManifest] = ()) -> st
         text += f", others differ by up to {found.difference_deg:.2g} degrees"
     if not stored:
         return text
-    there, here = sorted({*map(_origin, stored)}), _origin(begun("replay"))
+    there, here = sorted({*map(_origin, stored)}), _origin(begin_manifest("replay"))
     if there == [here]:
         text += f"; both by {here}: another commit or another version of a library"
     else:
@@ -79,11 +79,11 @@ def _origin(manifest: Manifest) -> str:
 
 def reaction_text(reacting: ReactingSummary) -> str:
     added = reacting.added_counts
-    grip = f", added grip: median {median(added):g}, at most {counted(max(added), 'step')}" if added else ""
+    grip = f", added grip: median {median(added):g}, at most {plural(max(added), 'step')}" if added else ""
     turn = f", median final turn {median(reacting.turns_deg):.1f} deg" if reacting.turns_deg else ""
     return (
-        f"reaction to slip '{reacting.kind}': {reacting.caught} of {counted(reacting.lifts, 'lift')} caught, "
-        f"{counted(reacting.reactions, 'reaction')}, {reacting.early} of them before half a degree"
+        f"reaction to slip '{reacting.kind}': {reacting.caught} of {plural(reacting.lifts, 'lift')} caught, "
+        f"{plural(reacting.reactions, 'reaction')}, {reacting.early} of them before half a degree"
         f"{grip}{turn}; "
         "these lifts turn less, so their MARE is listed separately from that of lifts without reaction"
     )

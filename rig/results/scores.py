@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.errors import counted
+from drivers.errors import plural
 from rig.results.metrics import ErrorSummary, Floats, hold_last, summarize
 from rig.tactile.angles import Angles
 from rig.tactile.slip.parameters import MOST_RATE_RAD_S
@@ -99,7 +99,7 @@ AXIS_DEG, TURN_DEG = 180.0, 360.0
 _MOST_RATE_DEG_S = math.degrees(MOST_RATE_RAD_S)
 
 
-def unwrapped(what: str, angles: Angles, period_deg: float) -> tuple[Angles, tuple[str, ...]]:
+def unwrap(what: str, angles: Angles, period_deg: float) -> tuple[Angles, tuple[str, ...]]:
     """Return angles without the steps of a wrapped angle, and notes on large steps.
 
     what: name of the angle, for the notes. period_deg: steps of more than half of it, or for `TURN_DEG` three
@@ -120,6 +120,6 @@ def unwrapped(what: str, angles: Angles, period_deg: float) -> tuple[Angles, tup
         (possible, "may be wrapped: ", f", kept: at {_MOST_RATE_DEG_S:g} deg/s an object can turn so far"),
     ):
         if which.any():
-            many, first = counted(int(which.sum()), "step"), times_s[1:][which][0]
+            many, first = plural(int(which.sum()), "step"), times_s[1:][which][0]
             notes.append(f"{what} {verb}{many} of more than {least:g} degrees (first at {first:.3f} s){end}")
     return replace(angles, angle_deg=angle_deg), tuple(notes)

@@ -5,7 +5,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from rig.results.metrics import Mare, mare_of
-from rig.sessions.records import Lift, LiftOutcome, finished
+from rig.sessions.records import Lift, LiftOutcome, accepted_lifts
 
 ADVICE = {
     "unobservable": "The contact looks the same at every angle: grasp the object elsewhere or at an edge.",
@@ -98,7 +98,7 @@ class TrialSummary:
 
 def summarize_trial(rows: Sequence[Lift]) -> TrialSummary:
     """Summarize the accepted lifts among the rows of a session; attempts that a fault ended are ignored."""
-    lifts = finished(rows)
+    lifts = accepted_lifts(rows)
     summary = summarize_lifts(lifts, sum(row.bench_s for row in rows))
     reacting = [lift for lift in lifts if lift.reactions is not None]
     if not reacting:

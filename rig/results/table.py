@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from drivers.errors import InputError
-from drivers.formats import shown
+from drivers.formats import quote
 from protocols.reaction import ReactionKind
 from rig.results.summary import TrialSummary, summarize_lifts
 from rig.sessions.codec import Codec
@@ -59,10 +59,10 @@ class Agreement(NamedTuple):
 class _LineCodec(Codec[Line]):
     """Reads the rows of tables of many lifts."""
 
-    def parsed(self, text: bytes) -> Line:
-        return self.checked(super().parsed(text))
+    def parse(self, text: bytes) -> Line:
+        return self.parse_values(super().parse(text))
 
-    def checked(self, values: Line) -> Line:
+    def parse_values(self, values: Line) -> Line:
         """Return the row of some values. Raises `ValueError` naming the invalid column."""
         for name, value in values.items():
             kind = COLUMNS.get(name)
@@ -70,7 +70,7 @@ class _LineCodec(Codec[Line]):
                 raise ValueError(f"'{name}' is a key that this version does not know")
             fits = isinstance(value, (int, float) if kind is float else kind)
             if value is not None and (not fits or isinstance(value, bool) != (kind is bool)):
-                raise ValueError(f"'{name}' should be of type {kind.__name__}, found {shown(value)}")
+                raise ValueError(f"'{name}' should be of type {kind.__name__}, found {quote(value)}")
             if isinstance(value, float) and not isfinite(value):
                 raise ValueError(f"'{name}' should be finite, found {value}")
         if missing := [name for name in ("session", "accepted") if values.get(name) is None]:
@@ -93,11 +93,11 @@ def table_row(about: Line, lift: Lift, stored: Lift | None = None, problem: str 
     about: see `session_cells`. stored: if its session's own estimator was used again. problem: see `COLUMNS`.
     """
     cells = {name: column.value(lift) for name, column in _OF_LIFT.items()}
-    same = compared(lift, stored) if stored else {}
+    same = compare_lifts(lift, stored) if stored else {}
     return dict.fromkeys(COLUMNS) | about | cells | same | {"problem": problem}
 
 
-def compared(lift: Lift, stored: Lift) -> Line:
+def compare_lifts(lift: Lift, stored: Lift) -> Line:
     """Return the cells that compare a replayed lift with the stored one."""
     columns = [column for name, column in _OF_LIFT.items() if name.endswith("_deg")]
     here, there = (np.array([column.value(of) for column in columns], dtype=float) for of in (lift, stored))
@@ -127,7 +127,7 @@ def broken_row(session: str, problem: str) -> Line:
     return dict.fromkeys(COLUMNS) | found
 
 
-def measured(row: Line) -> bool:
+def has_figures(row: Line) -> bool:
     """Return whether the row has figures, even if `problem` names a gap."""
     return not row["problem"] or row["outcome"] is not None
 
@@ -156,7 +156,7 @@ def table_lift(row: Line) -> Lift:
     try:
         outcome = LiftOutcome(str(row["outcome"]))
     except ValueError as error:
-        raise InputError(f"{where}: outcome {shown(row['outcome'])} is not known in the table") from error
+        raise InputError(f"{where}: outcome {quote(row['outcome'])} is not known in the table") from error
     return lift_of_table(**{**values, **errors, "outcome": outcome})
 
 
@@ -178,7 +178,7 @@ def results_json(rows: Sequence[Line]) -> dict[str, object]:
     Lifts that react to slip turn less. If a table has lifts with and without reaction, the figures are those
     of lifts without reaction, and `by_reaction` has the figures of each reaction.
     """
-    good = [row for row in rows if measured(row)]
+    good = [row for row in rows if has_figures(row)]
     found = agreement(good)
     apart = {kind: summarize_table(own).as_json() for kind, own in by_reaction(good).items()}
     return {

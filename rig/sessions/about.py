@@ -34,7 +34,7 @@ class Remarks:
     tags: tuple[str, ...] = ()
     operator: str = ""
 
-    def joined(self, later: "Remarks") -> "Remarks":
+    def merge(self, later: "Remarks") -> "Remarks":
         """Return these with later remarks: tags are added, other texts are replaced."""
         words = {key: getattr(later, key) or getattr(self, key) for key in ("name", "note", "operator")}
         return replace(self, **words, tags=tuple(dict.fromkeys((*self.tags, *later.tags))))

@@ -40,7 +40,7 @@ class Codec(Generic[Record]):
     def __init__(self, kind: Any) -> None:
         self._kind = kind
 
-    def parsed(self, text: bytes) -> Record:
+    def parse(self, text: bytes) -> Record:
         """Return the record of a JSON text. Raises `ValueError` naming the invalid key."""
         try:
             check_numbers(text, "it")
@@ -50,9 +50,9 @@ class Codec(Generic[Record]):
         except FormatError as error:
             raise ValueError(str(error).removeprefix("it: ")) from error
 
-    def checked(self, values: dict[str, object]) -> Record:
-        """Return the record of values from a table. Raises `ValueError` as `parsed` does."""
-        return self.parsed(json.dumps(values, default=str).encode())
+    def parse_values(self, values: dict[str, object]) -> Record:
+        """Return the record of values from a table. Raises `ValueError` as `parse` does."""
+        return self.parse(json.dumps(values, default=str).encode())
 
     @cached_property
     def _adapter(self) -> TypeAdapter[Record]:

@@ -9,7 +9,7 @@ from typing import Annotated, Any, ClassVar, Literal, TypeVar
 from pydantic import ConfigDict, Discriminator, Field, Tag
 
 from drivers.errors import SessionError, no_such
-from drivers.formats import shown
+from drivers.formats import quote
 from protocols.reaction import ReactionKind
 from rig.config import BenchConfig
 from rig.config.fields import FileName
@@ -115,7 +115,7 @@ AnyManifest = TrialManifest | RecordManifest | ReplayManifest
 Wanted = TypeVar("Wanted", bound=Manifest)
 
 
-def begun(kind: str) -> Manifest:
+def begin_manifest(kind: str) -> Manifest:
     return Manifest(
         schema_version=SCHEMA_VERSION,
         tool_version=VERSION,
@@ -132,7 +132,7 @@ def begun_on(
     """Return the fields of a new manifest for a session on a bench. objects: ids."""
     ids = tuple(objects)
     return BenchManifest(
-        **vars(begun(kind)),
+        **vars(begin_manifest(kind)),
         bench=bench.name,
         simulated=bench.simulated,
         seed=seed,
@@ -160,7 +160,7 @@ def read_manifest(folder: Path) -> AnyManifest:
     path = folder / MANIFEST
     text = read_whole(path)
     try:
-        head = _HEAD.parsed(text)
+        head = _HEAD.parse(text)
     except ValueError as error:
         raise SessionError(f"{path}: cannot be read ({error}); the session is damaged") from error
     if head.schema_version != SCHEMA_VERSION:
@@ -170,9 +170,9 @@ def read_manifest(folder: Path) -> AnyManifest:
             f"version or commit that wrote it: version {head.tool_version or 'unknown'}{when}"
         )
     if head.kind not in RESULTS:
-        raise SessionError(f"{path}: a {shown(head.kind)} session; this version reads {', '.join(RESULTS)}")
+        raise SessionError(f"{path}: a {quote(head.kind)} session; this version reads {', '.join(RESULTS)}")
     try:
-        manifest = _MANIFESTS.parsed(text)
+        manifest = _MANIFESTS.parse(text)
     except ValueError as error:
         raise SessionError(
             f"{path}: {error}; the session is damaged, or a newer version of the rig wrote it"

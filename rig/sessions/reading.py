@@ -103,7 +103,7 @@ def _decoder(kind: type[Value]) -> Callable[[bytes, Path], Value]:
 
     def decode(data: bytes, path: Path) -> Value:
         try:
-            return codec.parsed(data)
+            return codec.parse(data)
         except ValueError as error:
             raise SessionError(f"{path}: the recording is damaged ({error})") from error
 

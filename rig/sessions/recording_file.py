@@ -196,7 +196,7 @@ def read_chunk(stream: IO[bytes], layout: Layout, number: int) -> memoryview:
         raise ValueError(f"{where}: cannot be read") from error
     if not isinstance(record, Chunk) or record.uncompressed_size != index.uncompressed_size:
         raise ValueError(f"{where}: differs from the summary")
-    data = _unpacked(record)
+    data = _decompress(record)
     if len(data) != record.uncompressed_size:
         raise ValueError(f"{where}: {len(data)} bytes instead of {record.uncompressed_size}")
     if record.uncompressed_crc and zlib.crc32(data) != record.uncompressed_crc:
@@ -204,7 +204,7 @@ def read_chunk(stream: IO[bytes], layout: Layout, number: int) -> memoryview:
     return memoryview(data)
 
 
-def _unpacked(chunk: Chunk) -> bytes:
+def _decompress(chunk: Chunk) -> bytes:
     """Decompress a chunk, up to one byte more than its stated size."""
     most = chunk.uncompressed_size + 1
     if chunk.compression == "zstd":
@@ -255,7 +255,7 @@ def recorded_messages(
     are added; they are then skipped. Raises `SessionError` for a missing recording, and without `gaps` at the
     first damaged chunk.
     """
-    with _opened(path) as stream:
+    with _open_recording(path) as stream:
         yield from _messages(stream, path, set(topics), gaps, dated)
 
 
@@ -265,7 +265,7 @@ def recording_gaps(path: Path) -> Gaps:
     If the file has no checksum of all data, as in the first versions, chunks and summary are checked, which
     covers everything that is ever read. Raises `SessionError` if it is missing or not a recording.
     """
-    with _opened(path) as stream:
+    with _open_recording(path) as stream:
         gaps: Gaps = []
         layout = _layout(stream, path, gaps)
         flaw = _data_flaw(stream, layout)
@@ -281,7 +281,7 @@ def recording_gaps(path: Path) -> Gaps:
 def check_recording(path: Path) -> None:
     """Raise `SessionError` if any byte of a recording is damaged, see `recording_gaps`."""
     if gaps := recording_gaps(path):
-        raise _damaged(path, gaps)
+        raise _damage_error(path, gaps)
 
 
 def gaps_text(path: Path, gaps: Gaps, error: RigError | None = None) -> str:
@@ -290,12 +290,12 @@ def gaps_text(path: Path, gaps: Gaps, error: RigError | None = None) -> str:
     error: why the rest could not be used; None if it was.
     """
     rest = "the data before and after were used" if error is None else f"the rest is not enough: {error}"
-    return f"{_damaged(path, gaps)}; {rest}"
+    return f"{_damage_error(path, gaps)}; {rest}"
 
 
 def recording_values(path: Path) -> dict[str, str]:
     """Return a recording's metadata by name, see `RecordingAbout`. Raises `SessionError`."""
-    with _opened(path) as stream:
+    with _open_recording(path) as stream:
         records = StreamReader(stream, emit_chunks=True, record_size_limit=MOST_CHUNK).records
         for _, record in zip(range(4), records, strict=False):
             if isinstance(record, Metadata):
@@ -304,7 +304,7 @@ def recording_values(path: Path) -> dict[str, str]:
 
 
 @contextmanager
-def _opened(path: Path) -> Iterator[IO[bytes]]:
+def _open_recording(path: Path) -> Iterator[IO[bytes]]:
     """Open a recording. Raises `SessionError` if it is missing, and for damage found in the block."""
     try:
         with path.open("rb") as stream:
@@ -312,10 +312,10 @@ def _opened(path: Path) -> Iterator[IO[bytes]]:
     except FileNotFoundError as error:
         raise SessionError(f"{path}: the recording is missing") from error
     except DAMAGE as error:
-        raise _damaged(path, [reason(error)]) from error
+        raise _damage_error(path, [reason(error)]) from error
 
 
-def _damaged(path: Path, gaps: Gaps) -> SessionError:
+def _damage_error(path: Path, gaps: Gaps) -> SessionError:
     more = f"; and {len(gaps) - MOST_NAMED} more" if len(gaps) > MOST_NAMED else ""
     return SessionError(f"{path}: the recording is damaged ({'; '.join(gaps[:MOST_NAMED])}{more})")
 

@@ -22,7 +22,7 @@ from pydantic_core import CoreSchema
 from pydantic_core.core_schema import none_schema, plain_serializer_function_ser_schema
 
 from drivers.clock import NS_PER_S
-from drivers.errors import counted
+from drivers.errors import plural
 from protocols.observer import Phase
 from protocols.reaction import ReactionKind
 from rig.config.fields import FileName, InnerPath
@@ -190,7 +190,7 @@ class Shown(NamedTuple):
     filter: str = ""
 
 
-def known(doc: str, tables: str = "", *shown: Shown, **default: Any) -> Any:
+def known_value(doc: str, tables: str = "", *shown: Shown, **default: Any) -> Any:
     """Declare a value of a lift that is known without its measurement; arguments as for `figure`."""
     return field(**default, metadata={"doc": doc, "tables": tables, "shown": shown})
 
@@ -231,7 +231,7 @@ def _percentile_95(values: Floats) -> float | None:
     return float(np.percentile(known, 95)) if known.size else None
 
 
-def _signed(value: float | None, digits: int, factor: float = 1.0) -> str:
+def _signed_text(value: float | None, digits: int, factor: float = 1.0) -> str:
     return "" if value is None else f"{value * factor:+z.{digits}f}"
 
 
@@ -273,39 +273,39 @@ class Lift:
     order of the fields is that of the columns of tables.
     """
 
-    number: int = known("number in the session, from 1; 0: session cannot be read", IN_CSV)
-    attempt: int = known("repetition of the lift, from 0", IN_CSV)
-    object: FileName = known("id of the object", IN_CSV)
-    name: FileName = known("name of the object", IN_CSV)
-    lift: int = known("number of the lift for its object, from 1", IN_CSV)
-    position: str = known(
+    number: int = known_value("number in the session, from 1; 0: session cannot be read", IN_CSV)
+    attempt: int = known_value("repetition of the lift, from 0", IN_CSV)
+    object: FileName = known_value("id of the object", IN_CSV)
+    name: FileName = known_value("name of the object", IN_CSV)
+    lift: int = known_value("number of the lift for its object, from 1", IN_CSV)
+    position: str = known_value(
         "grasp position, as the object's file names it", IN_CSV, Shown(2, "grasp", lambda of: of.position)
     )
-    accepted: bool = known("whether the lift counts", IN_CSV)
-    outcome: LiftOutcome = known(
+    accepted: bool = known_value("whether the lift counts", IN_CSV)
+    outcome: LiftOutcome = known_value(
         "how the lift ended", IN_CSV, Shown(1, "outcome", lambda of: of.outcome.value, "choose")
     )
-    fault: str | None = known(
+    fault: str | None = known_value(
         "fault that ended the lift: the error's text, and the bench's state afterwards", IN_CSV, default=None
     )
-    grip_counts: int = known(
+    grip_counts: int = known_value(
         "grip beyond first contact, in steps of the gripper", IN_CSV,
         Shown(3, "grip", lambda of: str(of.grip_counts)),
     )  # fmt: skip
-    lift_height_m: float = known("height of the lift", IN_CSV)
+    lift_height_m: float = known_value("height of the lift", IN_CSV)
     final_estimate_deg: float | None = figure(
         "mean estimate over the last 0.3 s of phase C", lambda m: m.final_deg(m.fused), IN_CSV
     )
     final_truth_deg: float | None = figure(
         "mean true angle over the last 0.3 s of phase C", lambda m: m.final_deg(m.truth), IN_CSV,
-        Shown(6, "true turn, °", lambda of: _signed(of.final_truth_deg, 1)),
+        Shown(6, "true turn, °", lambda of: _signed_text(of.final_truth_deg, 1)),
     )  # fmt: skip
     onset_truth_s: float | None = figure(
         "true onset of slip, since the start of phase B", lambda m: m.since_lift_s(m.onset_ns), IN_CSV
     )
     onset_estimate_s: float | None = figure(
         "onset found afterwards in the estimate", lambda m: m.since_lift_s(m.estimated_onset_ns), IN_CSV,
-        Shown(8, "onset seen, ms later", lambda of: _signed(of.onset_delay_s, 0, 1e3)),
+        Shown(8, "onset seen, ms later", lambda of: _signed_text(of.onset_delay_s, 0, 1e3)),
     )  # fmt: skip
     onset_alarm_s: float | None = figure(
         "onset reported during the lift", lambda m: m.since_lift_s(m.measurement.angle.alarm_ns), IN_RESULTS
@@ -314,8 +314,8 @@ class Lift:
         "share of frames with an angle", lambda m: m.score.answered, IN_CSV,
         Shown(7, "answered", lambda of: f"{of.answered:.0%}"), default=0.0,
     )  # fmt: skip
-    bench_s: float = known("duration by the bench's clock", IN_CSV)
-    recording: InnerPath = known("recording in the session's folder", IN_CSV)
+    bench_s: float = known_value("duration by the bench's clock", IN_CSV)
+    recording: InnerPath = known_value("recording in the session's folder", IN_CSV)
     re_b: ErrorSummary | None = figure("absolute error over phase B", lambda m: m.score.re_b, IN_CSV)
     re: ErrorSummary | None = figure(
         "absolute error over phases B and C; without an answer there is none", lambda m: m.score.re, IN_CSV,
@@ -331,7 +331,7 @@ class Lift:
         Shown(9, "sigma, °", lambda of: "" if of.sigma_b_p95_deg is None else f"{of.sigma_b_p95_deg:.2f}"),
         optional=True,
     )  # fmt: skip
-    react: ReactionKind = known("configured reaction to slip", IF_REACTING, default=ReactionKind.NONE)
+    react: ReactionKind = known_value("configured reaction to slip", IF_REACTING, default=ReactionKind.NONE)
     reactions: tuple[ReactionRecord, ...] | None = figure(
         "reactions, only in lifts with reactions to slip", lambda m: m.reactions,
         columns=_REACTIONS, optional=True,
@@ -340,11 +340,11 @@ class Lift:
         "failures of a user-defined estimator", lambda m: faults_of(m.measurement.angle.samples),
         columns=_WARNINGS, optional=True,
     )  # fmt: skip
-    speed_fraction: float | None = known(
+    speed_fraction: float | None = known_value(
         "position of the arm's speed slider, 0 to 1; None if unknown", IN_CSV, default=None
     )
-    seed: int = known("seed of the plan and of a simulated lift")
-    simulated: bool = known("whether the bench was simulated", IN_RESULTS)
+    seed: int = known_value("seed of the plan and of a simulated lift")
+    simulated: bool = known_value("whether the bench was simulated", IN_RESULTS)
     contact_area_px: dict[str, float] = figure(
         "contact area at the end of phase A by serial",
         lambda m: {n: float(np.mean(px)) if px.size else 0.0 for n, px in m.rest_areas_px.items()},
@@ -393,7 +393,7 @@ class Lift:
         lambda m: m.measurement.watch and m.measurement.watch.thresholds(),
         optional=True,
     )
-    clock_rates: dict[str, float] | None = known(
+    clock_rates: dict[str, float] | None = known_value(
         "speed of the time stamps of sources divided by that of the clock, by name; only warnings",
         default=None,
     )
@@ -464,7 +464,7 @@ class Lift:
         """The reasons to doubt the figures of the lift, for a person."""
         rates = ", ".join(f"{name} at {rate:.2f}" for name, rate in (self.clock_rates or {}).items())
         frozen = self.states.get("frozen", 0)
-        repeats = f"a fingertip repeats its picture in {counted(frozen, 'frame')}: check its cable"
+        repeats = f"a fingertip repeats its picture in {plural(frozen, 'frame')}: check its cable"
         found = (
             f"time stamps at another speed than this computer's clock: {rates}" if rates else None,
             repeats if frozen else None,
@@ -583,9 +583,9 @@ def image_lines(poses: Iterable[PoseRow]) -> Iterator[dict[str, object]]:
 class _LiftCodec(Codec[Lift]):
     """Reads lifts. A lift that counts has all figures that are not optional; any other lift has none."""
 
-    def parsed(self, text: bytes) -> Lift:
+    def parse(self, text: bytes) -> Lift:
         """Return the lift of a JSON text. Raises `ValueError` naming the invalid key."""
-        lift, keys = super().parsed(text), json.loads(text).keys()
+        lift, keys = super().parse(text), json.loads(text).keys()
         needed = [of.name for of in fields(Lift) if {"stored", "figure"} <= of.metadata.keys()]
         if lift.accepted and (missing := [name for name in needed if name not in keys]):
             raise ValueError(f"'{missing[0]}' is missing")
@@ -651,7 +651,7 @@ POSES: Codec[PoseRow] = Codec(PoseRow)
 LIFT_TIMINGS: Codec[LiftTiming] = Codec(LiftTiming)
 
 
-def finished(lifts: Iterable[Lift]) -> list[Lift]:
+def accepted_lifts(lifts: Iterable[Lift]) -> list[Lift]:
     return [lift for lift in lifts if lift.accepted]
 
 

@@ -9,7 +9,7 @@ from drivers.images import image_flaw
 from rig.sessions.codec import Codec
 from rig.sessions.files import RESULTS, TIMING, complete_lines
 from rig.sessions.recording_file import check_recording
-from rig.sessions.records import LIFT_TIMINGS, LIFTS, POSES, Lift, LiftTiming, PoseRow, finished
+from rig.sessions.records import LIFT_TIMINGS, LIFTS, POSES, Lift, LiftTiming, PoseRow, accepted_lifts
 
 Record = TypeVar("Record")
 
@@ -23,7 +23,7 @@ class UsableLifts:
 
     @property
     def lifts(self) -> list[Lift]:
-        return finished(self.rows)
+        return accepted_lifts(self.rows)
 
 
 def read_rows(path: Path, codec: Codec[Record]) -> list[Record]:
@@ -53,7 +53,7 @@ def readable_rows(path: Path, codec: Codec[Record]) -> tuple[list[Record], dict[
     damaged: dict[int, str] = {}
     for number, text in enumerate(complete_lines(path), start=1):
         try:
-            rows.append(codec.parsed(text))
+            rows.append(codec.parse(text))
         except ValueError as error:
             damaged[number] = str(error)
     return rows, damaged
@@ -84,13 +84,13 @@ def read_usable_lifts(folder: Path, checked: bool = False) -> UsableLifts:
     `SessionError` if no accepted lift is left.
     """
     rows, problems = rows_and_problems(folder / RESULTS["trial"], LIFTS)
-    for row in finished(rows) if checked else ():
+    for row in accepted_lifts(rows) if checked else ():
         try:
             check_recording(folder / row.recording)
         except SessionError as error:
             rows.remove(row)
             problems.append(str(error))
-    if not finished(rows):
+    if not accepted_lifts(rows):
         nothing = f"{folder}: no finished lift; run the trial with --resume first"
         raise SessionError(problems[0] if problems else nothing)
     return UsableLifts(tuple(rows), tuple(problems))

@@ -72,7 +72,7 @@ class Session(Generic[Row]):
         self._begun_here = begun_here
         self.manifest = manifest
         self._results = folder / RESULTS[manifest.kind]
-        self._lock = _locked(folder)
+        self._lock = _lock_folder(folder)
         drop_torn_line(self._results)
         drop_torn_line(folder / TIMING)
         name_interrupted(folder)
@@ -170,7 +170,7 @@ def open_session(folder: Path, wanted: Manifest, codec: Codec[Row], resume: bool
         require_same(folder, manifest, wanted)
         session = Session(folder, manifest, codec)
         if isinstance(manifest, BenchManifest) and isinstance(wanted, BenchManifest):
-            remarks, limits = manifest.remarks.joined(wanted.remarks), wanted.config.limits
+            remarks, limits = manifest.remarks.merge(wanted.remarks), wanted.config.limits
             if remarks != manifest.remarks or limits != manifest.config.limits:
                 config = manifest.config.model_copy(update={"limits": limits})
                 session.manifest = replace(manifest, remarks=remarks, config=config)
@@ -256,7 +256,7 @@ def require_same(folder: Path, manifest: Manifest, wanted: Manifest) -> None:
         )
 
 
-def _locked(folder: Path) -> int:
+def _lock_folder(folder: Path) -> int:
     """Lock the folder; the system releases the lock when this process ends in any way."""
     try:
         handle = os.open(folder / LOCK, os.O_RDWR | os.O_CREAT, 0o644)

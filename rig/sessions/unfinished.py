@@ -51,7 +51,7 @@ class BackgroundFile:
         or if the disk is slower than the data for longer than the queue lasts.
         """
         if self._thread is None:
-            self._thread = self._started()
+            self._thread = self._start()
         self._raise_failure()
         with self._lock:
             self._waiting += len(data)
@@ -74,7 +74,7 @@ class BackgroundFile:
             self._thread.join()
         self._raise_failure()
 
-    def _started(self) -> Thread:
+    def _start(self) -> Thread:
         try:
             self._path.parent.mkdir(parents=True, exist_ok=True)
             handle = -1

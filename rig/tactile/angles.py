@@ -62,7 +62,7 @@ class Angles:
             "Angles: contact_area_px", self.contact_area_px, (None,), np.inf, unknown=True
         )
         if not isinstance(self.states, tuple | list) or not all(isinstance(s, str) for s in self.states):
-            raise arguments.refused("Angles: states", self.states, "a tuple of texts")
+            raise arguments.refusal("Angles: states", self.states, "a tuple of texts")
         arguments.instance("Angles: source", self.source, str, "a text")
         zero_ns = arguments.whole("Angles: zero_ns", self.zero_ns, -_MAX_NS, _MAX_NS)
         arguments.array("Angles: time_s + zero_ns", time_s + zero_ns / NS_PER_S, (None,), MAX_TIME_S)
@@ -88,7 +88,7 @@ class Angles:
         """Return samples as a series, in order of time. source, zero_ns: see the class."""
         arguments.instance("Angles.of: source", source, str, "a text")
         zero_ns = arguments.whole("Angles.of: zero_ns", zero_ns, -_MAX_NS, _MAX_NS)
-        ordered = sorted(_checked(samples), key=lambda sample: sample.time_ns)
+        ordered = sorted(_check_samples(samples), key=lambda sample: sample.time_ns)
         areas = () if source in (FUSED, MARKERS) else [sample.contact_area_px for sample in ordered]
         return cls(
             (np.array([sample.time_ns for sample in ordered], np.int64) - zero_ns) / NS_PER_S,
@@ -111,16 +111,16 @@ class Angles:
     @property
     def known(self) -> "Angles":
         """The samples with an angle."""
-        return self.picked(np.isfinite(self.angle_deg))
+        return self.select(np.isfinite(self.angle_deg))
 
     def between(self, from_ns: int, until_ns: int) -> "Angles":
         """Return the samples from a time on, before another, ns by the clock."""
         from_ns = arguments.whole("Angles.between: from_ns", from_ns, -_MAX_NS, _MAX_NS)
         until_ns = arguments.whole("Angles.between: until_ns", until_ns, -_MAX_NS, _MAX_NS)
         time_ns = self.time_ns
-        return self.picked((time_ns >= from_ns) & (time_ns < until_ns))
+        return self.select((time_ns >= from_ns) & (time_ns < until_ns))
 
-    def picked(self, which: NDArray[np.bool_]) -> "Angles":
+    def select(self, which: NDArray[np.bool_]) -> "Angles":
         """Return some of the samples. which: (N,) bool. Raises `InputError` for other types and shapes."""
         which = arguments.mask("Angles.picked: which", which, len(self))
         states = tuple(s for s, k in zip(self.states, which, strict=True) if k) if self.states else ()
@@ -167,13 +167,13 @@ class Angles:
         return data_frame(columns | ({"state": self.states} if self.states else {}))
 
 
-def _checked(samples: Iterable[SlipSample]) -> list[SlipSample]:
+def _check_samples(samples: Iterable[SlipSample]) -> list[SlipSample]:
     """Return samples as a list. Raises `InputError` unless each is a `SlipSample` with a time and a state."""
     name, expected = "Angles.of: samples", "samples of an estimator (rig.SlipSample)"
     try:
         iter(samples)
     except TypeError:
-        raise arguments.refused(name, samples, expected) from None
+        raise arguments.refusal(name, samples, expected) from None
     found = [arguments.instance(name, sample, SlipSample, expected) for sample in samples]
     for sample in found:
         arguments.whole(f"{name}: time_ns", sample.time_ns, -_MAX_NS, _MAX_NS)

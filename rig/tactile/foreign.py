@@ -66,7 +66,7 @@ class ForeignEstimator(FreshFrameEstimator):
         super().__init__(background.shape)
         self._name, self._arm_fault = name, None
         found = kind or named_class(name, "estimator", GROUP)
-        self._inner = _made(name, found, background, {"aspect": aspect, "sign": sign})
+        self._inner = _make(name, found, background, {"aspect": aspect, "sign": sign})
 
     def arm(self, state: ArmState) -> None:
         """Pass the state of the arm on, if the estimator has a method `arm`."""
@@ -89,19 +89,19 @@ class ForeignEstimator(FreshFrameEstimator):
         except OperatorStopError:
             raise
         except Exception as error:
-            return self._lost(time_ns, f"update() raised {raised_text(error)}")
+            return self._lost_sample(time_ns, f"update() raised {raised_text(error)}")
         spent = time.perf_counter() - began
         fault = self._arm_fault or _invalid_field(sample, image, time_ns)
         self._arm_fault = None
         if fault is not None:
-            return self._lost(time_ns, fault)
+            return self._lost_sample(time_ns, fault)
         return _plain(sample, sample.stage_s or {STAGE: spent})
 
-    def _lost(self, time_ns: int, fault: str) -> SlipSample:
+    def _lost_sample(self, time_ns: int, fault: str) -> SlipSample:
         return SlipSample(time_ns, State.LOST, fault=f"{self._name}: {fault}"[:LONGEST_FAULT])
 
 
-def _made(name: str, kind: type[Any], background: Image, more: dict[str, Any]) -> Any:
+def _make(name: str, kind: type[Any], background: Image, more: dict[str, Any]) -> Any:
     require_update(name, kind)
     try:
         wanted = inspect.signature(kind).parameters

@@ -10,7 +10,7 @@ from typing import ClassVar, Protocol
 import numpy as np
 
 from drivers.clock import NS_PER_S
-from drivers.errors import InputError, counted
+from drivers.errors import InputError, plural
 from drivers.tally import LONGEST_STEP_NS, SELDOM_NS, PictureNews, StreamTimes
 from drivers.types import ArmState, Image
 from drivers.values import short_repr
@@ -105,7 +105,7 @@ class SlipSample:
             shift_px=None,
         )
 
-    def turned(self, sign: int, zero_deg: float | None, zero: "SlipSample | None") -> "SlipSample":
+    def since_zero(self, sign: int, zero_deg: float | None, zero: "SlipSample | None") -> "SlipSample":
         """Return the sample with the rotation since a zero as its angle; without `zero_deg` it has no angle.
 
         sign: +1 or -1, from the image angle to the object's. zero: sample at the zero. Unobserved rotations
@@ -239,7 +239,7 @@ class EstimatorFaults:
 
     def __str__(self) -> str:
         return (
-            f"the estimator failed on {counted(self.frames, 'frame')}, counted as 'lost'; first: {self.first}"
+            f"the estimator failed on {plural(self.frames, 'frame')}, counted as 'lost'; first: {self.first}"
         )
 
 

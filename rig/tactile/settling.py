@@ -19,7 +19,7 @@ Levels = tuple[float, ...]
 """Levels of a contact in one frame: its area, and its strength if known."""
 
 
-def changed(levels: Levels, before: Levels | None, share: float) -> bool:
+def has_changed(levels: Levels, before: Levels | None, share: float) -> bool:
     """Whether a level differs from an earlier frame's by more than a fraction; True without earlier frame."""
     if before is None:
         return True
@@ -41,7 +41,7 @@ class Steadiness:
 
     def update(self, levels: Levels) -> bool:
         """Process the levels of the next frame; return whether they have changed."""
-        moved = changed(levels, self._levels, SETTLED_SHARE)
+        moved = has_changed(levels, self._levels, SETTLED_SHARE)
         if moved or self._drifting:
             self._levels = levels
         self._steady = 1 if moved else self._steady + 1

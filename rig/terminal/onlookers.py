@@ -76,7 +76,7 @@ def report_written(file: Path) -> None:
 
 
 @contextmanager
-def asked(question: str) -> Iterator[None]:
+def announce_question(question: str) -> Iterator[None]:
     """Free the terminal for a question, and send it to observers unless it is "" (sent before)."""
     with set_aside():
         if question:

@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from drivers.errors import OperatorStopError
-from rig.terminal.onlookers import asked
+from rig.terminal.onlookers import announce_question
 
 _log = logging.getLogger("rig.terminal.questions")
 
@@ -25,7 +25,7 @@ def ask(question: str) -> bool:
     if not _terminal():
         print(f"{question} [no terminal to ask and answer at: no]", file=sys.stderr, flush=True)
         return False
-    while (answer := _typed(f"{question} [y/N]:").strip()) not in ("", "n", "no", "y", "yes"):
+    while (answer := _read_line(f"{question} [y/N]:").strip()) not in ("", "n", "no", "y", "yes"):
         print(f"'{answer}' is neither y nor n", file=sys.stderr, flush=True)
     return answer in ("y", "yes")
 
@@ -33,21 +33,21 @@ def ask(question: str) -> bool:
 def ask_line(question: str) -> str:
     """Ask for a line of text. Raises `OperatorStopError` at the end of input, and without a terminal."""
     _require_terminal(question, "ask and answer")
-    line = _typed(question)
+    line = _read_line(question)
     if not line:
         raise OperatorStopError("stopped: the input ended without an answer; the arm holds its position")
     return line.strip()
 
 
 @contextmanager
-def waited(question: str) -> Iterator[Callable[[], bool]]:
+def show_question(question: str) -> Iterator[Callable[[], bool]]:
     """Show a question while other work goes on; yield a function that returns whether Enter was pressed.
 
     The function raises `OperatorStopError` for "q" and if the terminal has gone; so does a missing terminal.
     """
     _require_terminal(question, "ask and answer")
 
-    def answered() -> bool:
+    def is_answered() -> bool:
         if not select.select([sys.stdin], [], [], 0.0)[0]:
             return False
         line = sys.stdin.readline()
@@ -56,10 +56,10 @@ def waited(question: str) -> Iterator[Callable[[], bool]]:
         _log.info("%s answered: Enter", question)
         return True
 
-    with asked(question):
+    with announce_question(question):
         termios.tcflush(sys.stdin, termios.TCIFLUSH)
         print(question, file=sys.stderr, flush=True)
-        yield answered
+        yield is_answered
 
 
 def press(question: str) -> str:
@@ -69,7 +69,7 @@ def press(question: str) -> str:
     a terminal.
     """
     _require_terminal(question, "press keys")
-    with asked(question):
+    with announce_question(question):
         if question:
             print(question, file=sys.stderr, flush=True)
         before = termios.tcgetattr(sys.stdin)
@@ -92,12 +92,12 @@ def _require_terminal(question: str, what: str) -> None:
         raise OperatorStopError(f"stopped: {question} [no terminal to {what} at]")
 
 
-def _typed(prompt: str) -> str:
+def _read_line(prompt: str) -> str:
     """Show a prompt with displays hidden; return the typed line in lower case with its line end.
 
     Input typed before the prompt is discarded. The end of input is "", a typed empty line is not.
     """
-    with asked(prompt):
+    with announce_question(prompt):
         termios.tcflush(sys.stdin, termios.TCIFLUSH)
         print(prompt, end=" ", file=sys.stderr, flush=True)
         answer = sys.stdin.readline().lower()

@@ -246,7 +246,7 @@ def end_phase(wait: bool = False) -> None:
 
 
 @contextmanager
-def shown(display: "Live") -> Iterator[None]:
+def show_display(display: "Live") -> Iterator[None]:
     """Show a display, and register it meanwhile, so that `set_aside` can hide it."""
     end_phase()
     _start(display)

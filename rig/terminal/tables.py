@@ -36,7 +36,7 @@ class PlainConsole(Console):
     def print(self, *objects: Any, **options: Any) -> None:
         if any(isinstance(each, Table) for each in objects):
             options = {"crop": False, **options}
-        super().print(*(fitted(o, self) if isinstance(o, Table) else o for o in objects), **options)
+        super().print(*(fit(o, self) if isinstance(o, Table) else o for o in objects), **options)
 
     def render_str(self, text: str, **options: Any) -> Text:
         """Return a text as it is shown, so that its width is measured correctly."""
@@ -69,11 +69,11 @@ def console_table(
     return table
 
 
-def fitted(table: Table, console: Console) -> Table | Group:
+def fit(table: Table, console: Console) -> Table | Group:
     """Return a table that is at most as wide as the console, or the same content as lines."""
     room = console.width - 3 * len(table.columns) - 1
     columns = [[_text(cell) for cell in (column.header, *column.cells)] for column in table.columns]
-    widths = _folded(columns, room)
+    widths = _fold(columns, room)
     if widths is None:
         return _lines(table, columns)
     for column, width in zip(table.columns, widths, strict=True):
@@ -81,16 +81,16 @@ def fitted(table: Table, console: Console) -> Table | Group:
     return table
 
 
-def _folded(columns: Sequence[Sequence[Text]], room: int) -> list[int] | None:
+def _fold(columns: Sequence[Sequence[Text]], room: int) -> list[int] | None:
     """Return the column widths that fit with the fewest lines per row; None if none fit."""
     for height in range(1, 1 + max(len(text.plain.split()) for cells in columns for text in cells)):
         widths = [_narrowest(cells, height) for cells in columns]
         if sum(widths) <= room:
-            return _unfolded(columns, widths, room)
+            return _unfold(columns, widths, room)
     return None
 
 
-def _unfolded(columns: Sequence[Sequence[Text]], widths: list[int], room: int) -> list[int]:
+def _unfold(columns: Sequence[Sequence[Text]], widths: list[int], room: int) -> list[int]:
     """Use the remaining width for columns that then need fewer lines, those that need least width first."""
     while True:
         wider = {}

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 from calibration.gel.look import GelLook
-from drivers.errors import InputError, counted
+from drivers.errors import InputError, plural
 from drivers.formats import check_zip, reason
 from drivers.images import read_image
 from drivers.types import Image
@@ -55,12 +55,12 @@ Row = tuple[Image, Image, Image, str]
 """Frame, background and label of one size, and the object's id."""
 
 
-def sized(image: Image, size: tuple[int, int]) -> Image:
+def resize(image: Image, size: tuple[int, int]) -> Image:
     """Return a frame or label at (width, height) `size` in px, by area."""
     return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8)
 
 
-def joined(parts: Sequence[Examples]) -> Examples:
+def concatenate(parts: Sequence[Examples]) -> Examples:
     """Return several sets as one. Raises `InputError` if all are empty."""
     parts = [part for part in parts if len(part)]
     if not parts:
@@ -105,30 +105,30 @@ def folder_examples(
     rows: list[Row] = []
     for file in files:
         image = read_image(file.image)
-        frame, label = sized(image, size), sized(file.label(image.shape[:2]), size)
+        frame, label = resize(image, size), resize(file.label(image.shape[:2]), size)
         if file.group not in made:
             made[file.group] = _background(file, files, size)
         rows.append((frame, made[file.group], label, file.object_id))
         progress(len(rows), len(files))
-    return _stacked(rows, any(file.simulated for file in files))
+    return _stack(rows, any(file.simulated for file in files))
 
 
-def _stacked(rows: Sequence[Row], simulated: bool) -> Examples:
+def _stack(rows: Sequence[Row], simulated: bool) -> Examples:
     frames, backgrounds, labels, objects = zip(*rows, strict=True)
     return Examples(np.stack(frames), np.stack(backgrounds), np.stack(labels), objects, simulated)
 
 
 def _background(file: LabelledFile, files: list[LabelledFile], size: tuple[int, int]) -> Image:
     if file.background is not None:
-        return sized(read_image(file.background), size)
+        return resize(read_image(file.background), size)
     group = [other.image for other in files if other.group == file.group]
     if len(group) < MIN_FRAMES:
         raise InputError(
-            f"{file.group}: {counted(len(group), 'image')} cannot make a frame without contact: put one in "
+            f"{file.group}: {plural(len(group), 'image')} cannot make a frame without contact: put one in "
             f"{Path(file.group) / REFERENCES}"
         )
     spread = np.unique(np.linspace(0, len(group) - 1, MAX_FRAMES).round().astype(int))
-    return auto_background([sized(read_image(group[i]), size) for i in spread])
+    return auto_background([resize(read_image(group[i]), size) for i in spread])
 
 
 def simulated_examples(
@@ -160,9 +160,9 @@ def examples_of(
         for shown in unit:
             no_contact = np.zeros(shown.image.shape[:2], np.uint8)
             label = no_contact if shown.touching is None else contact_label(shown.touching)
-            frame, background, label = (sized(i, size) for i in (shown.image, shown.background, label))
+            frame, background, label = (resize(i, size) for i in (shown.image, shown.background, label))
             rows.append((frame, background, label, shown.object_id))
         progress(min(len(rows), count))
         if len(rows) >= count:
             break
-    return _stacked(rows[:count], True)
+    return _stack(rows[:count], True)

@@ -124,8 +124,8 @@ class SmallNetwork(nn.Module):
     def forward(self, planes: torch.Tensor) -> torch.Tensor:
         at1 = self.level1(planes)
         at2 = self.level2(at1)
-        up = self.join2(at2 + _grown(self.narrow2(self.level3(at2)), at2))
-        up = self.join1(at1 + _grown(self.narrow1(up), at1))
+        up = self.join2(at2 + _enlarge(self.narrow2(self.level3(at2)), at2))
+        up = self.join1(at1 + _enlarge(self.narrow1(up), at1))
         return self.head(up)
 
 
@@ -139,7 +139,7 @@ def layer(inputs: int, outputs: int, side: int = 3, stride: int = 1, dilation: i
     )
 
 
-def _grown(planes: torch.Tensor, like: torch.Tensor) -> torch.Tensor:
+def _enlarge(planes: torch.Tensor, like: torch.Tensor) -> torch.Tensor:
     return functional.interpolate(planes, size=like.shape[2:], mode="bilinear", align_corners=False)
 
 

@@ -19,8 +19,8 @@ from rig.tactile.contact.network import Network, Recipe, load_network
 from rig.tactile.contact.segmenter import Segmenter
 from rig.training.examples import (
     Examples,
+    concatenate,
     folder_examples,
-    joined,
     load_examples,
     save_examples,
     simulated_examples,
@@ -265,14 +265,14 @@ def fold_examples(
     if kept.exists():
         everything = load_examples(kept)
     else:
-        everything = _made(settings, fold, report)
+        everything = _make_examples(settings, fold, report)
         save_examples(kept, everything)
     check_objects(fold, everything.objects, settings.data)
     train = everything.of((*fold.train, RANDOM_SHAPE))
     return train, everything.of(fold.validation), everything.of(fold.test)
 
 
-def _made(settings: TrainSettings, fold: Fold, report: Report) -> Examples:
+def _make_examples(settings: TrainSettings, fold: Fold, report: Report) -> Examples:
     size, few = settings.frame_size, max(24, round(VALIDATION_SHARE * settings.images))
     if settings.data != SIMULATED:
         return folder_examples(Path(settings.data), size, lambda n, of: report("reading images", n / of))
@@ -285,7 +285,7 @@ def _made(settings: TrainSettings, fold: Fold, report: Report) -> Examples:
             report(f"rendering frames of {fold.name}", done / count)
 
         parts.append(simulated_examples(objects, count, seed, size, share, progress=progress, **units))
-    return joined(parts)
+    return concatenate(parts)
 
 
 def _claim(folder: Path, settings: TrainSettings, resume: bool) -> None:

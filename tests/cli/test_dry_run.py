@@ -31,7 +31,7 @@ def test_dry_run_moves_nothing_and_stores_nothing(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(Bench, "connected", lambda bench: pytest.fail("connected"))
+    monkeypatch.setattr(Bench, "connection", lambda bench: pytest.fail("connected"))
     monkeypatch.setattr(FakeArm, "move_linear", lambda *_: pytest.fail("moved"))
     command, said = COMMANDS[name]
     done = rig(*command, "--dry-run", "--json")

@@ -97,14 +97,14 @@ def test_dry_run_refusals_and_missing_agreement_leave_the_file_unchanged(lab: Pa
 
 
 ASKED = """
-from rig.terminal.questions import press, waited
+from rig.terminal.questions import press, show_question
 import time
 print(press("press:"), press(""), flush=True)
-with waited("there?") as answered:
+with show_question("there?") as answered:
     while not answered():
         time.sleep(0.01)
 print("answered", flush=True)
-with waited("again?") as answered:
+with show_question("again?") as answered:
     while not answered():
         time.sleep(0.01)
 """

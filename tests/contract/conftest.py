@@ -90,7 +90,7 @@ def bench(kind: str, request: pytest.FixtureRequest) -> Iterator[Bench]:
     moves = request.node.get_closest_marker("moves") is not None
     if kind == "fake":
         bench, _ = build_bench(load_bench("fake"), seed=7)
-        with bench.connected():
+        with bench.connection():
             bench.clock.sleep_until(to_ns(0.2))  # the first frames have come
             if moves:
                 bench.gripper.activate()

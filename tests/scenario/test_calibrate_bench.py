@@ -123,7 +123,7 @@ def visit(stop_after: int | None = None) -> tuple[list[HandEyeCapture], list[tup
             bench.arm.move_linear(Pose(PLACES["b"], TURN), 0.05, 0.5)
             raise OperatorStopError("stopped")
 
-    with bench.connected():
+    with bench.connection():
         try:
             capture_hand_eye(
                 bench, lambda: left.pop(0) if left else None, keep, lambda *why: skipped.append(why)
@@ -151,7 +151,7 @@ def test_stop_leaves_the_arm_at_rest() -> None:
 def test_noise_of_an_arm_at_rest_is_no_motion() -> None:
     bench, _ = build_bench(load_bench("fake"))
     far = Pose((0.70, 0.20, 0.15), TURN)
-    with bench.connected():
+    with bench.connection():
         bench.arm.move_linear(far, 0.25, 1.0).wait(10.0)
         began_ns = bench.clock.now_ns()
         for _ in range(300):
@@ -178,7 +178,7 @@ def test_lost_arm_and_frozen_devices_end_a_calibration_with_their_reason(tmp_pat
         ("SIM-C0001", "freeze", 0.3, lambda b: capture_still(b, b.camera, 30), StaleFrameError, repeated),
     ):
         bench, _ = build_bench(faulty(device, kind, at_s))
-        with bench.connected(), pytest.raises(error, match=said):
+        with bench.connection(), pytest.raises(error, match=said):
             use(bench)
     assert not taken
     with pytest.raises(StaleFrameError, match="SIM-D0002: it has repeated its picture"):
@@ -194,7 +194,7 @@ def test_lagging_stream_gives_no_image_of_the_motion() -> None:
         moved.append(bench.clock.now_ns())
         return bench.camera.next_frame(1.0)
 
-    with bench.connected():
+    with bench.connection():
         left = [(name, Pose(PLACES[name], TURN)) for name in "ab"]
         bench.camera.newest_frame = keeps_its_backlog
         taken: list[HandEyeCapture] = []

@@ -131,7 +131,7 @@ def test_operator_stop_sets_the_object_down_first(monkeypatch: pytest.MonkeyPatc
             raise OperatorStopError("stopped")
 
     monkeypatch.setattr(LiftMeasurement, "phase", stop_in_hold)
-    with bench.connected():
+    with bench.connection():
         bench.gripper.activate()
         operator.place("t1", "wrench")
         with pytest.raises(OperatorStopError) as raised:

@@ -32,7 +32,7 @@ def test_frames_without_contact_are_rejected_and_counted() -> None:
             picture = pressed if number >= 2 * FRAMES_APART else empty
             noisy = (picture + rng.normal(0, 1.5, picture.shape)).clip(0, 255).astype(np.uint8)
             observer.frame(Frame(noisy, number, number, serial))
-    assert observer.satisfied()
+    assert observer.is_complete()
     assert observer.rejected == 4
     assert sorted(frame.serial for frame, _, _ in observer.taken) == ["L", "L", "R", "R"]
     assert all(area > 0 and grip == 2 for _, grip, area in observer.taken)

@@ -48,15 +48,15 @@ class Attended(BenchSource):
         self.begun.append(lift)
         bench, world = build_bench(self.config, seed, lift, attempt)
         world.place(self.object_id or lift.split("/")[0], "")
-        with bench.connected():
+        with bench.connection():
             yield bench, self.person
 
-    def displaced(self) -> None:
-        self.person.displaced()
+    def note_displaced(self) -> None:
+        self.person.note_displaced()
 
     def place_first(self, object_id: str, why: str) -> None:
         if why:
-            self.person.displaced(why)
+            self.person.note_displaced(why)
             self.person.place(object_id, find_grasp_file(object_id).name)
 
 

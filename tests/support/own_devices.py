@@ -48,7 +48,7 @@ class Motion:
     def __init__(self, arm, target):
         self.arm, self.target = arm, target
 
-    def done(self):
+    def is_done(self):
         return True
 
     def wait(self, timeout_s):

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from drivers.named_classes import _imported
+from drivers.named_classes import _import_class
 
 MODULE = "lab_rotation"
 SOURCE = '''
@@ -153,4 +153,4 @@ def own_estimators(folder: Path) -> Iterator[Path]:
 
 def forget() -> None:
     """Remove the module from Python's cache, so that the next use imports it again."""
-    _imported.cache_clear()
+    _import_class.cache_clear()

@@ -28,7 +28,7 @@ _addresses = itertools.count(1)
 def make_controller(version: str = "5.11.0") -> URController:
     pid = os.getpid()
     host = f"127.{200 + pid % 50}.{pid // 50 % 250}.{next(_addresses)}"
-    return URController(empty_world(), SharedClock.started(SLOWNESS), host, version, release_after_s=0.5)
+    return URController(empty_world(), SharedClock.start(SLOWNESS), host, version, release_after_s=0.5)
 
 
 _made: list[UR5e] = []

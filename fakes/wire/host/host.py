@@ -205,7 +205,7 @@ class FakesHost:
         self, plan: BenchPlan, wire: WirePlan, host: str = "127.0.0.1", seed: int = 0, slowness: int = 1
     ) -> None:
         self._plan, self._wire, self._host = plan, wire, host
-        self._clock = SharedClock.started(slowness)
+        self._clock = SharedClock.start(slowness)
         self._world = World(plan.layout, seed)
         self._track = Track()
         self._devices: dict[str, URController | WireGripper | _Stream] = {}

@@ -25,7 +25,7 @@ from drivers.clock import NS_PER_S, Clock, SystemClock, slowness_of, to_ns
 from drivers.errors import InputError
 from drivers.types import Image
 from fakes.faults import Faults
-from fakes.gel.variation import encoded
+from fakes.gel.variation import encode_jpeg
 from fakes.wire.net import BackgroundServer, Part, QuietServer
 
 Kind = Literal["digit", "camera"]
@@ -151,7 +151,7 @@ class MjpegSensor:
                 image = np.full((size[1], size[0], 3), _EMPTY_BUFFER_RGB, np.uint8)
             else:
                 image = self._raw(time_ns, size, shift)
-            frozen = self._last = encoded(image, JPEG_QUALITY)
+            frozen = self._last = encode_jpeg(image, JPEG_QUALITY)
         return Capture(number, time_ns, frozen[: int(len(frozen) * _CUT_AT)] if cut else frozen)
 
     def _skip_until(self, time_ns: int) -> int:

@@ -19,8 +19,8 @@ from fakes.wire.ur.robot import (
     ServoMove,
     SpeedMove,
     Thread,
-    ended,
     move_until_done,
+    run_cycle,
 )
 from fakes.wire.ur.script import run_line
 from fakes.world.kinematics import Frame, from_ur, six, to_ur
@@ -49,8 +49,8 @@ class ControlLoop:
     def run(self) -> Thread:
         """Run the program and, beside it, its asynchronous operation. Raises `ProgramError`."""
         main = self._poll()
-        while not ended(main):
-            if self._asynchronous is not None and ended(self._asynchronous):
+        while not run_cycle(main):
+            if self._asynchronous is not None and run_cycle(self._asynchronous):
                 self._asynchronous = None
             yield
 
@@ -87,13 +87,13 @@ class ControlLoop:
             self._asynchronous = None
             self._report(FINISHED)
 
-        def reported() -> Thread:
+        def run_reporting() -> Thread:
             self._report(0)
             yield from operation
             self._report(FINISHED)
 
         if self.integer(1) == 1:
-            self._asynchronous = reported()
+            self._asynchronous = run_reporting()
         else:
             yield from operation
 
@@ -221,7 +221,7 @@ COMMANDS: dict[int, Command] = {
     18: _teach,
     19: _end_teaching,
     29: lambda loop: loop.robot.set_tool(loop.frame(0)),
-    30: lambda loop: loop.answer(loop.robot.solved(loop.frame(0), loop.joints(6))),
+    30: lambda loop: loop.answer(loop.robot.solve(loop.frame(0), loop.joints(6))),
     31: lambda loop: loop.robot.safety.protective_stop(loop.robot.time_ns),
     33: _stop(linear=True),
     34: _stop(linear=False),
@@ -231,7 +231,7 @@ COMMANDS: dict[int, Command] = {
     36: _has_solution,
     40: lambda loop: loop.answer(to_ur(loop.robot.body.tool)),
     45: lambda loop: loop.operate(loop.along_path()),
-    46: lambda loop: loop.answer(loop.robot.solved(loop.frame(0))),
+    46: lambda loop: loop.answer(loop.robot.solve(loop.frame(0))),
     47: lambda loop: loop.write_integer(1, loop.robot.body.still_cycles >= STEADY_CYCLES),
     60: _has_solution,
     61: _has_solution,

@@ -291,7 +291,7 @@ class URController(Part):
         connection = Connection(client, port, lambda _: b"")
         greeting = b""
         if port == RTDE_PORT:
-            session = RtdeSession(self.robot.bank, self.robot.version, self.robot.write_inputs, self._refused)
+            session = RtdeSession(self.robot.bank, self.robot.version, self.robot.write_inputs, self._refusal)
             connection.session, connection.feed = session, session.feed
         elif port == DASHBOARD_PORT:
             connection.feed, greeting = partial(self._feed_dashboard, LineReader()), BANNER.encode() + b"\n"
@@ -302,7 +302,7 @@ class URController(Part):
         if not self._silent:
             connection.send(greeting, self.robot.time_ns)
 
-    def _refused(self, variable: str) -> str | None:
+    def _refusal(self, variable: str) -> str | None:
         """Return how a recipe with this variable is refused, None if it is not."""
         refusal = self.faults.get("recipe_refused")
         return refusal["reply"] if refusal and variable.startswith(refusal["prefix"]) else None

@@ -22,7 +22,7 @@ from fakes.world.kinematics import (
     from_pose,
     from_ur,
     inverse,
-    moved,
+    move_frame,
     nearest_inverse,
     rotation_between,
     six,
@@ -93,7 +93,7 @@ class Body:
         if joint:
             self.bend(six(q + w for q, w in zip(self.q, way, strict=True)))
         else:
-            self.follow(moved(self.tcp, way[:3], way[3:]))
+            self.follow(move_frame(self.tcp, way[:3], way[3:]))
 
     def step(self, dt_s: float, scale: float) -> bool:
         """Run one control cycle at a speed scale of 0 to 1; return whether the arm moved."""
@@ -134,7 +134,7 @@ class PathMove:
             body.bend(six(a + s for a, s in zip(self._start, shift, strict=True)))
         else:
             turn = tuple(f * angle for angle in self._turn)
-            body.follow(self._target if f >= 1.0 else moved(self._start, shift, turn))
+            body.follow(self._target if f >= 1.0 else move_frame(self._start, shift, turn))
         return f >= 1.0
 
 
@@ -254,7 +254,7 @@ def move_until_done(body: Body, mover: Mover) -> Thread:
         yield
 
 
-def ended(thread: Thread) -> bool:
+def run_cycle(thread: Thread) -> bool:
     """Run a thread for one cycle; return whether it has ended."""
     try:
         next(thread)
@@ -322,7 +322,7 @@ class Runtime:
     def step(self) -> bool:
         """Run one cycle of the program; return whether it ended."""
         try:
-            if self._program is None or not ended(self._program):
+            if self._program is None or not run_cycle(self._program):
                 return False
             self._end("ended")
         except (ProgramError, ValueError, ArithmeticError) as error:
@@ -459,7 +459,7 @@ class Robot:
         joints = nearest_inverse(compose(base_T_tcp, inverse(self.body.tool)), near or self.body.q)
         return joints if joints is not None and _in_range(joints) else None
 
-    def solved(self, base_T_tcp: Frame, near: Vector6 | None = None) -> Vector6:  # noqa: N803
+    def solve(self, base_T_tcp: Frame, near: Vector6 | None = None) -> Vector6:  # noqa: N803
         """Return the inverse kinematics. Raises `ProgramError` for a pose out of reach."""
         joints = self.solution(base_T_tcp, near)
         if joints is None:
@@ -478,10 +478,10 @@ class Robot:
         pose: "p" if the target is a pose in the controller's notation, "" if it is joint angles in rad.
         """
         if kind == "j":
-            joints = self.solved(from_ur(target)) if pose else self.in_range(target)
+            joints = self.solve(from_ur(target)) if pose else self.in_range(target)
             return PathMove(self.body.q, joints, speed, acceleration, joint=True)
         end = from_ur(target) if pose else compose(forward(target), self.body.tool)
-        self.solved(end)
+        self.solve(end)
         return PathMove(self.body.tcp, end, speed, acceleration, joint=False)
 
     def zero_force_sensor(self) -> None:
@@ -546,7 +546,7 @@ class Robot:
             self._brake(PROGRAM_BRAKE)
         if self.runtime.step():
             self._brake(PROGRAM_BRAKE)
-        if self._moved():
+        if self._move_body():
             start, end = compose(before, PHYSICAL_TOOL), compose(self.body.flange, PHYSICAL_TOOL)
             travel = TrapezoidProfile(before_ns, 1.0, NS_PER_S / max(self.time_ns - before_ns, 1), 1e9)
             tilts = math.atan2(start[9], start[3]), math.atan2(end[9], end[3])
@@ -563,7 +563,7 @@ class Robot:
         if mover is not None and not (isinstance(mover, Brake) and mover.joint):
             self.body.mover = Brake(self.body.qd, deceleration, joint=True)
 
-    def _moved(self) -> bool:
+    def _move_body(self) -> bool:
         was_moving = not self.body.settled
         try:
             return self.body.step(CYCLE_S, self.speed_scale) or was_moving
@@ -582,7 +582,7 @@ class Robot:
 
     def _publish(self) -> None:
         put = self.bank.set
-        joints = self._encoders.shown(self.body.q, self.time_ns)
+        joints = self._encoders.measure(self.body.q, self.time_ns)
         put("actual_q", joints)
         put("actual_TCP_pose", to_ur(compose(forward(joints), self.body.tool)))
         self._wrench = self.force.sense(self.time_ns, self.body.tcp[2])

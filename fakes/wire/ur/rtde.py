@@ -97,7 +97,7 @@ class OutputBank:
     def get(self, name: str) -> Value:
         return self._values[name]
 
-    def packed(self, names: Iterable[str]) -> bytes:
+    def pack(self, names: Iterable[str]) -> bytes:
         """Return the encoded values one after the other, as in a data package."""
         return b"".join([self._encoded[name] for name in names])
 
@@ -111,7 +111,7 @@ def _single(fields: tuple[float, ...]) -> Value:
     return fields if len(fields) > 1 else next(iter(fields))
 
 
-def unpacked(names: Iterable[str], payload: bytes) -> dict[str, Value]:
+def unpack(names: Iterable[str], payload: bytes) -> dict[str, Value]:
     """Decode the named inputs from a data package, which may be shorter or longer than its recipe.
 
     ur-rtde 1.6.5 sends shorter (`setExternalForceTorque`) and longer (`getForwardKinematics`) ones. Raises
@@ -212,14 +212,14 @@ class RtdeSession:
         return self.started and cycle % self._every == 0
 
     def data(self) -> bytes:
-        return package(PackageType.DATA, b"\x01" + self._bank.packed(self._outputs))
+        return package(PackageType.DATA, b"\x01" + self._bank.pack(self._outputs))
 
     def _answer(self, kind: int, payload: bytes) -> bytes:
         reply, names = self._replies.get(kind), self._inputs.get(payload[0]) if payload else None
         if reply is not None:
             return package(kind, reply(payload))
         if kind == PackageType.DATA and names is not None:
-            self._write(unpacked(names, payload[1:]))
+            self._write(unpack(names, payload[1:]))
         else:
             self.ignored += 1
         return b""

@@ -19,7 +19,7 @@ import numpy as np
 
 from drivers.clock import NS_PER_S
 from drivers.errors import InputError, no_such, unknown_name
-from drivers.formats import number_in, read_csv_rows, shown, whole_in
+from drivers.formats import number_in, quote, read_csv_rows, whole_in
 from drivers.images import read_image
 from drivers.types import Image
 from rig.frames.clips import (
@@ -33,7 +33,7 @@ from rig.frames.clips import (
 )
 from rig.frames.series import FrameSeries, TimedFrame, make_background, read_frames
 from rig.frames.times import FrameTime
-from rig.results.scores import AXIS_DEG, unwrapped
+from rig.results.scores import AXIS_DEG, unwrap
 from rig.tactile.angles import Angles
 
 GROUPS, CONTACTS = "groups.csv", "contacts.csv"
@@ -168,22 +168,22 @@ def _clip(folder: Path, groups: Mapping[str, str], topic: str | None) -> Labelle
         series=series,
         background=read_image(background),
         reference_frame=reference,
-        labels=_unwrapped(folder / LABELS, labels, reference, times_s),
+        labels=_unwrap(folder / LABELS, labels, reference, times_s),
         contacts=_contacts(contacts, count) if contacts.exists() else (),
     )
 
 
-def _unwrapped(
+def _unwrap(
     path: Path, labels: Sequence[ClipLabel], reference: int, times_s: Sequence[float]
 ) -> tuple[ClipLabel, ...]:
-    """Return labels without the steps of a wrapped angle, see `unwrapped`; its notes are logged.
+    """Return labels without the steps of a wrapped angle, see `unwrap`; its notes are logged.
 
     reference: number of the frame whose angle is 0. times_s: of all frames.
     """
     rows = sorted([*labels, ClipLabel(reference, 0.0, 0.0)], key=lambda label: label.frame)
     since_s = np.array([times_s[row.frame] - times_s[0] for row in rows])
     labelled = Angles(since_s, np.array([row.angle_deg for row in rows]))
-    plain, notes = unwrapped(f"{path}: the labelled angle", labelled, AXIS_DEG)
+    plain, notes = unwrap(f"{path}: the labelled angle", labelled, AXIS_DEG)
     for note in notes:
         _log.warning(note)
     turns_deg = plain.angle_deg - labelled.angle_deg
@@ -206,7 +206,7 @@ def _contacts(path: Path, frames: int) -> tuple[ContactSpan, ...]:
                 "give the first frame, then the last"
             )
         if row["contact"].strip() not in ("yes", "no"):
-            raise InputError(f"{path}: line {line}: contact {shown(row['contact'])}: give yes or no")
+            raise InputError(f"{path}: line {line}: contact {quote(row['contact'])}: give yes or no")
         spans.append(ContactSpan(first, last, row["contact"].strip() == "yes"))
     return tuple(spans)
 
@@ -223,7 +223,7 @@ def _number(path: Path, line: int, row: Mapping[str, str], column: str, whole: b
     value = whole_in(row, column, where) if whole else number_in(row, column, where)
     if abs(value) >= 1e9 or (whole and value < 0):
         wanted = "the number of a frame, from 0" if whole else "a number of degrees"
-        raise InputError(f"{where}: {column} {shown(row[column])}: give {wanted}")
+        raise InputError(f"{where}: {column} {quote(row[column])}: give {wanted}")
     return value
 
 
@@ -245,24 +245,24 @@ def clip_version(clip: LabelledClip, version: ClipVersion) -> LabelledClip:
     """Return a clip in a version, with the version in its name; the plain version is the clip itself."""
     if version is ClipVersion.PLAIN:
         return clip
-    found = _backwards(clip) if version is ClipVersion.REVERSE else _mirrored(clip, _IMAGE_AXIS[version])
+    found = _backwards(clip) if version is ClipVersion.REVERSE else _mirror(clip, _IMAGE_AXIS[version])
     return replace(found, name=f"{clip.name} ({version})", version=version)
 
 
-def _mirrored(clip: LabelledClip, axis: int) -> LabelledClip:
+def _mirror(clip: LabelledClip, axis: int) -> LabelledClip:
     """Return a clip with frames and background mirrored along an image axis, which negates all angles."""
 
-    def flipped(image: Image) -> Image:
+    def flip(image: Image) -> Image:
         return np.ascontiguousarray(np.flip(image, axis))
 
     def read() -> Iterator[TimedFrame]:
         for frame in clip.series.read():
-            yield replace(frame, image=None if frame.image is None else flipped(frame.image))
+            yield replace(frame, image=None if frame.image is None else flip(frame.image))
 
     return replace(
         clip,
         series=FrameSeries(clip.series.name, read, clip.series.notes),
-        background=flipped(clip.background),
+        background=flip(clip.background),
         labels=tuple(replace(label, angle_deg=-label.angle_deg) for label in clip.labels),
     )
 

@@ -18,7 +18,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, MaxNLocator, ScalarFormatter
 
-from drivers.errors import InputError, counted, unknown_name
+from drivers.errors import InputError, plural, unknown_name
 from drivers.progress import name_work
 from rig.benchmark.clips.labelled import (
     ClipLabel,
@@ -55,7 +55,7 @@ from rig.benchmark.timing import (
     times_reference,
 )
 from rig.declared import argument, option
-from rig.frames.estimates import FRAME_MS, Estimate, contact_ms, estimate_series, frame_ms, zeroed
+from rig.frames.estimates import FRAME_MS, Estimate, apply_zero, contact_ms, estimate_series, frame_ms
 from rig.pages.figure import band, column_files, drawing, legend_above, limits, svg
 from rig.pages.page import render
 from rig.pages.palette import ESTIMATE, SERIES, TRUTH
@@ -328,7 +328,7 @@ def run_clip(clip: LabelledClip, choice: EstimatorChoice, reference_ms: tuple[fl
     name_work(f"{clip.name}, {choice.name}")
     estimator = Streamed(choice.make(clip.background), clip.background)
     raw = estimate_series(clip.series, estimator, clip.series.count)
-    estimate = zeroed(raw, raw.times[clip.reference_frame])
+    estimate = apply_zero(raw, raw.times[clip.reference_frame])
     samples, judged = estimate.samples, []
     for label in clip.labels:
         before = reversed(samples[clip.reference_frame : label.frame + 1])
@@ -445,7 +445,7 @@ def make_report(
     limits = judge(first.groups[options.group or ALL], options)
     limits_of = f"'{first.name}', {options.group or 'all clips'}"
     shown = [*([limit_table(limits, limits_of)] if limits else []), *by_version, overall, *by_interface]
-    labels, clips = counted(first.groups[ALL].labels, "label"), counted(len(first.runs), "clip")
+    labels, clips = plural(first.groups[ALL].labels, "label"), plural(len(first.runs), "clip")
     head = f"{clips}, {labels}, {processor_and_cores()}, one thread. Errors in degrees."
     tables = [by_version[0] if by_version else overall, *by_interface]
     parts = [head, *(table.markdown() for table in tables), verdict(limits)]
@@ -553,7 +553,7 @@ def readme_row(of: PublicSet, runs: EstimatorRuns) -> str:
         if name != ALL and len(runs.groups) > 2
     ]
     whole = f"within 3 degrees: {runs.groups[ALL].within_3} of {runs.groups[ALL].labels} labels"
-    clips = counted(len({run.clip.name for run in runs.runs}), "clip")
+    clips = plural(len({run.clip.name for run in runs.runs}), "clip")
     return f"| {of.data} | {'; '.join([f'{whole} on {clips}', *groups])} |"
 
 

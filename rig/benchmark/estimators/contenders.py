@@ -33,7 +33,7 @@ from rig.tactile.contact.finder import Contact, ContactFinder
 from rig.tactile.estimators import DEFAULT_ESTIMATOR, ECC, PUBLISHED, choose_estimator
 from rig.tactile.paper.axis import METHODS, largest_contour
 from rig.tactile.paper.estimator import AxisEstimator, FindsContact, WindowMean
-from rig.tactile.paper.published import ANGLES, ScriptAngle, ScriptError, ScriptFilter, stretched
+from rig.tactile.paper.published import ANGLES, ScriptAngle, ScriptError, ScriptFilter, stretch
 from rig.tactile.sample import EstimatorFaults, SlipSample, State, TactileEstimator, faults_of
 
 PAPER = (*METHODS, *(name + PUBLISHED for name in ANGLES))
@@ -44,7 +44,7 @@ TURN_FRAMES = 8
 """Frames that an estimator gets in a row; the published second stage, which is slow, gets one of them."""
 
 
-def unfiltered(
+def make_unfiltered(
     background: Image, aspect: float | None = None, names: Sequence[str] = CONTENDERS, sign: int = 1
 ) -> dict[str, TactileEstimator]:
     """Make estimators without a window, by name; those of the paper share one contact mask.
@@ -63,7 +63,7 @@ def unfiltered(
     return made
 
 
-def filtered(name: str, samples: Sequence[SlipSample], window: int) -> list[SlipSample]:
+def filter_samples(name: str, samples: Sequence[SlipSample], window: int) -> list[SlipSample]:
     if name in PAPER and name.endswith(PUBLISHED):
         script, found = ScriptFilter(window), []
         for sample in samples:  # frames without contact pass through the script's filter, but stay unchanged
@@ -107,7 +107,7 @@ class ScriptPass(TactileEstimator):
         if contact.mask is None:
             return SlipSample(time_ns, State.NO_CONTACT)
         try:
-            angle_deg = self.angle(stretched(contact.mask))
+            angle_deg = self.angle(stretch(contact.mask))
         except (ScriptError, cv2.error):
             return SlipSample(time_ns, State.LOST)
         return SlipSample(time_ns, State.TRACKING, angle_deg)
@@ -179,9 +179,11 @@ def score_lift(folder: Path, names: Sequence[str], row: Lift) -> LiftScores:
     """Run every estimator on the frames of one lift, in a worker process. names: of the estimators."""
     cv2.setNumThreads(1)
     lift = open_lift(folder / row.recording, f"{row.object}/{row.lift}")
-    passes = lift.passes(lambda tip: unfiltered(tip.background, tip.aspect, names, tip.sign))
+    passes = lift.passes(lambda tip: make_unfiltered(tip.background, tip.aspect, names, tip.sign))
     scores = {
-        (name, window): lift.score({s: filtered(name, p, window) for s, p in of.items()}, row.onset_truth_s)
+        (name, window): lift.score(
+            {s: filter_samples(name, p, window) for s, p in of.items()}, row.onset_truth_s
+        )
         for name, of in passes.items()
         for window in WINDOWS
     }
@@ -281,7 +283,7 @@ def _time_tip(tip: SessionSeries, samples: Mapping[str, list[SlipSample]], publi
 def _published_s(mask: Image) -> list[float]:
     """Return the time of the script from a mask to an angle, which thins the full picture, s; [] without."""
     began = time.perf_counter()
-    picture = stretched(mask)
+    picture = stretch(mask)
     contour = largest_contour(picture)
     filled = np.zeros(picture.shape, np.uint8)
     if contour is None or len(contour) < 5:

@@ -16,7 +16,7 @@ from drivers.clock import to_ns
 from drivers.images import decode_stored, encode_jpeg
 from drivers.types import Frame, Image
 from fakes.studio.clips import ROLLER, ROLLER_TURN_DEG, TWO_BALLS, Clip, Scene, opposite, render_clip
-from rig.benchmark.estimators.contenders import ContenderScore, score_all, unfiltered
+from rig.benchmark.estimators.contenders import ContenderScore, make_unfiltered, score_all
 from rig.experiments.lift_plan import derived_seed
 from rig.frames.estimates import estimate_frames
 from rig.results.scores import SeriesScore, score_series
@@ -38,11 +38,11 @@ def noise(sigma_grey: float) -> Disturbance:
         height, width = clip.background.shape[:2]
         field = rng.normal(0.0, sigma_grey, (height + 64, width + 64, 3)).astype(np.float32)
 
-        def disturbed(image: Image) -> Image:
+        def disturb(image: Image) -> Image:
             down, across = rng.integers(0, 64, 2)
             return _grey(image + field[down : down + height, across : across + width])
 
-        return replace(clip, frames=tuple(map(disturbed, clip.frames)))
+        return replace(clip, frames=tuple(map(disturb, clip.frames)))
 
     return noisy
 
@@ -56,7 +56,7 @@ def jpeg(quality: int) -> Disturbance:
     return _each(lambda image: decode_stored(encode_jpeg(image, quality)), background=False)
 
 
-def resized(width: int, height: int) -> Disturbance:
+def resize(width: int, height: int) -> Disturbance:
     def change(image: Image) -> Image:
         way = cv2.INTER_AREA if width < image.shape[1] else cv2.INTER_CUBIC
         return np.asarray(cv2.resize(image, (width, height), interpolation=way), np.uint8)
@@ -77,7 +77,7 @@ def drift(
     The gains drift over the clip to 1 + error * pattern. first: fraction of the error at the first frame.
     """
 
-    def lit(clip: Clip, rng: np.random.Generator) -> Clip:
+    def relight(clip: Clip, rng: np.random.Generator) -> Clip:
         gains = [error * s * np.asarray(pattern, float) for s in np.linspace(first, 1.0, len(clip.frames))]
         frames = (
             _grey(frame * (1.0 + gain).astype(np.float32) + np.float32(grey))
@@ -85,10 +85,10 @@ def drift(
         )
         return replace(clip, frames=tuple(frames))
 
-    return lit
+    return relight
 
 
-def dropped(clip: Clip, rng: np.random.Generator) -> Clip:
+def drop_frames(clip: Clip, rng: np.random.Generator) -> Clip:
     return _in_order(clip, np.flatnonzero(rng.random(len(clip.frames)) < 0.5))
 
 
@@ -102,7 +102,7 @@ def every(step: int) -> Disturbance:
     return lambda clip, rng: _in_order(clip, np.arange(0, len(clip.frames), step))
 
 
-def duplicated(clip: Clip, rng: np.random.Generator) -> Clip:
+def duplicate_frames(clip: Clip, rng: np.random.Generator) -> Clip:
     """Replace every third frame by a copy of the previous frame, at its own time."""
     frames, truth = list(clip.frames), clip.angle_deg.copy()
     for i in range(2, len(frames), 3):
@@ -110,7 +110,7 @@ def duplicated(clip: Clip, rng: np.random.Generator) -> Clip:
     return replace(clip, frames=tuple(frames), angle_deg=truth)
 
 
-def torn(clip: Clip, rng: np.random.Generator) -> Clip:
+def tear_frames(clip: Clip, rng: np.random.Generator) -> Clip:
     """Replace the lower part of every tenth frame by that of the frame three frames earlier."""
     frames = list(clip.frames)
     for i in range(5, len(frames), 10):
@@ -185,10 +185,10 @@ CONDITIONS = (
     ),
     *_group(
         "stream",
-        Condition("half the frames dropped", dropped),
+        Condition("half the frames dropped", drop_frames),
         Condition("0.25 s gap in the turn", gap),
-        Condition("every third frame a duplicate", duplicated),
-        Condition("every tenth frame torn", torn),
+        Condition("every third frame a duplicate", duplicate_frames),
+        Condition("every tenth frame torn", tear_frames),
         Condition("every tenth frame late", late),
         Condition("30 fps", every(2)),
     ),
@@ -220,7 +220,7 @@ CONDITIONS = (
     ),
     *_group(
         "size",
-        *(Condition(f"{w} x {h} px", resized(w, h)) for w, h in ((60, 80), (120, 160), (480, 640))),
+        *(Condition(f"{w} x {h} px", resize(w, h)) for w, h in ((60, 80), (120, 160), (480, 640))),
         Condition("320 x 240 px, lying", landscape),
     ),
     *_group(
@@ -264,7 +264,7 @@ def run_stress(seed: int, names: Sequence[str], task: tuple[str, str]) -> list[S
             key = f"{contact.partition(':')[0]}/{contact} {shown.angle_deg:+.0f} deg"
             frames = [Frame(*of, 0, "") for of in zip(clip.frames, clip.time_ns, strict=True)]
             for name in names:
-                estimator = unfiltered(clip.background, clip.aspect, (name,))[name]
+                estimator = make_unfiltered(clip.background, clip.aspect, (name,))[name]
                 samples = list(estimate_frames(estimator, frames))
                 scores.append((condition.name, name, _series_score(key, samples, clip)))
     return scores

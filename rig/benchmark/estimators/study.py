@@ -5,7 +5,7 @@ from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
 
-from drivers.errors import counted
+from drivers.errors import plural
 from protocols.grasps import TRIAL_OBJECTS
 from rig.benchmark.estimators import contenders
 from rig.benchmark.estimators.contenders import CONTENDERS, PAPER, ContenderScore, score_all
@@ -206,7 +206,7 @@ def judge(result: EstimatorsResult) -> list[Measured]:
 
 def estimator_table(result: EstimatorsResult) -> Table:
     """Return a row per estimator with its usual window, and one for the paper's method that is best here."""
-    lifts = counted(len(result.lifts), "lift")
+    lifts = plural(len(result.lifts), "lift")
     title = f"{'SIMULATED ' * result.simulated}rotational error in degrees over {lifts}, and run time"
     rows = []
     for name, window in result.usual:
@@ -310,7 +310,7 @@ def readme_section(result: EstimatorsResult, limits: Sequence[Measured]) -> str:
     table, missed = estimator_table(result), [limit.name for limit in limits if limit.met is False]
     rows = [row[:README_COLUMNS] for row in table.rows]
     head = (
-        f"{'SIMULATED ' * result.simulated}{counted(len(result.lifts), 'lift')}, seed {result.seed}, "
+        f"{'SIMULATED ' * result.simulated}{plural(len(result.lifts), 'lift')}, seed {result.seed}, "
         f"{processor_and_cores()}, one thread. Errors in degrees, {HEADING}."
     )
     verdict = f"Limits missed: {'; '.join(missed)}." if missed else "All limits were kept."

@@ -27,7 +27,7 @@ from rig.experiments.lift_plan import LiftTask, TrialSettings
 from rig.experiments.trial import run_trial
 from rig.sessions.files import TIMING
 from rig.sessions.reading import recorded_frames
-from rig.sessions.records import LIFT_TIMINGS, Lift, finished
+from rig.sessions.records import LIFT_TIMINGS, Lift, accepted_lifts
 from rig.sessions.rows import read_finished_lifts, read_rows
 from rig.tactile.estimators import choose_estimator
 from rig.terminal.screen import begin_phase
@@ -148,7 +148,7 @@ def measure_wire(folder: Path, object_id: str, seeds: int = 20, bench: BenchConf
         wall_s=wall_s,
         row=row,
         seeds=tuple(
-            finished(attempt_lift(TrialSettings(fake, seed, choice), task).row for seed in range(seeds))
+            accepted_lifts(attempt_lift(TrialSettings(fake, seed, choice), task).row for seed in range(seeds))
         ),
     )
 

@@ -26,7 +26,7 @@ from rig.benchmark.wire.campaign import LASTS_S, After, Event, PlannedRun, Stage
 from rig.config import BenchConfig, load_bench
 from rig.config.write import write_bench
 from rig.declared import option
-from rig.sessions.records import finished
+from rig.sessions.records import accepted_lifts
 from rig.sessions.rows import read_lifts, read_usable_lifts
 
 OBJECT = "t1"
@@ -192,7 +192,7 @@ class _Place:
     def finish_a_lift(self) -> None:
         shutil.rmtree(self._one, ignore_errors=True)
         with self._trial(self._one) as program:
-            while not finished(read_lifts(self._one)):
+            while not accepted_lifts(read_lifts(self._one)):
                 if program.poll() is not None:
                     raise DeviceError(
                         f"safety: the trial ended too early: {campaign.wait_for_end(program, END_S)}"

@@ -46,9 +46,9 @@ def auto_background(frames: Sequence[Image]) -> Image:
     check_frames(frames, MIN_FRAMES)
     chosen = np.unique(np.linspace(0, len(frames) - 1, min(len(frames), MAX_FRAMES)).round().astype(int))
     stack = np.stack([frames[i] for i in chosen])
-    work = _reduced(stack)
-    masks, rough = _refined(work, _median(work, None, work[0]))
-    other_masks, other = _refined(work, min(work, key=structure))
+    work = _reduce(stack)
+    masks, rough = _refine(work, _median(work, None, work[0]))
+    other_masks, other = _refine(work, min(work, key=structure))
     if structure(other) < PLAINER * structure(rough):
         masks, rough = other_masks, other
     height, width = stack.shape[1:3]
@@ -72,14 +72,14 @@ def structure(image: Image) -> float:
     return float(np.abs(np.diff(smooth, axis=0)).mean() + np.abs(np.diff(smooth, axis=1)).mean())
 
 
-def _reduced(stack: Image) -> Image:
+def _reduce(stack: Image) -> Image:
     height, width = stack.shape[1:3]
     scale = min(1.0, WORK_LONG_SIDE_PX / max(height, width))
     size = (max(8, round(width * scale)), max(8, round(height * scale)))
     return np.stack([np.asarray(cv2.resize(frame, size, interpolation=cv2.INTER_AREA)) for frame in stack])
 
 
-def _refined(work: Image, guess: Image) -> tuple[Image, Image]:
+def _refine(work: Image, guess: Image) -> tuple[Image, Image]:
     """Return the masks (N, h, w) of the contacts and the background (h, w, 3) after all iterations."""
     background = guess
     masks = np.zeros(work.shape[:3], np.uint8)

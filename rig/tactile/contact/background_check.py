@@ -104,7 +104,7 @@ class BackgroundCheck:
 
     def _check(self, image: Image, time_ns: int) -> Iterator[None]:
         """Check a frame, step by step, and set the time to the next one."""
-        work = self._comparison.reduced(image)
+        work = self._comparison.reduce(image)
         yield
         light = self._comparison.light(work)
         region = self._comparison.region(work, light)

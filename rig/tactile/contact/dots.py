@@ -128,10 +128,10 @@ def without_dots(image: Image) -> Image:
     width_px = float(np.median(np.sqrt(stats[small, 4])))
     margin = max(LEAST_MARGIN_PX, round(MARGIN_SHARE * width_px))
     hidden = np.asarray(cv2.dilate(small[labels].astype(np.uint8), _disc(margin)), np.uint8)
-    return _filled(image, hidden, width_px + 2 * margin)
+    return _fill(image, hidden, width_px + 2 * margin)
 
 
-def _filled(image: Image, hidden: Image, width_px: float) -> Image:
+def _fill(image: Image, hidden: Image, width_px: float) -> Image:
     """Fill the masked pixels with a Gaussian-weighted mean of the others; its sigma is half of `width_px`.
 
     hidden: (H, W) uint8, 1 in pixels to fill. width_px: width of a dot with its margin.

@@ -84,7 +84,7 @@ class ContactFinder:
 
     def _energy(self, image: Image) -> tuple[NDArray[np.float32], float]:
         """Return the smoothed magnitude (h, w) of the relative difference, and its pixel noise."""
-        raw = self._light.of(self._light.reduced(image))
+        raw = self._light.of(self._light.reduce(image))
         smooth = cv2.GaussianBlur(raw, (0, 0), NOISE_BLUR_PX)
         noise = 1.4826 * float(upper_median(np.abs(raw[::8, ::8] - smooth[::8, ::8]).reshape(-1, 1))[0])
         squares = cv2.transform(cv2.multiply(smooth, smooth), np.ones((1, 3), np.float32))

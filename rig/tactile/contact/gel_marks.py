@@ -64,7 +64,7 @@ class GelMarks:
         )
         return marks, np.asarray(of.indptr, np.int32), rims, np.asarray(of.data, np.float32)
 
-    def mended(self, difference: Field) -> Field:
+    def fill(self, difference: Field) -> Field:
         """Return a difference (h, w, 3) with its marks filled from their surroundings."""
         if not len(self._marked):
             return difference
@@ -77,18 +77,20 @@ def found_marks(background: Image, fine: tuple[int, int]) -> Image:
     """Return the mask of the marks in a background, (h, w), 255 or 0. fine: width and height of the mask."""
     light = cv2.resize(background.astype(np.float32), fine, interpolation=cv2.INTER_AREA)
     sharp = cv2.subtract(light, cv2.GaussianBlur(light, (0, 0), SHARP_PX)) / (light + DARK_OFFSET)
-    return _marked(np.asarray(sharp, np.float32), AROUND_PX, 0.0, REACH_PX, MOST_SHARE, 1)
+    return _sharp_mask(np.asarray(sharp, np.float32), AROUND_PX, 0.0, REACH_PX, MOST_SHARE, 1)
 
 
 def find_later_marks(difference: Field) -> Image:
     """Return the mask of the marks in a relative difference (h, w, 3), which the background may not have."""
     sharp = cv2.subtract(difference, cv2.GaussianBlur(difference, (0, 0), SHARP_PX))
-    return _marked(
+    return _sharp_mask(
         np.asarray(sharp, np.float32), LATER_AROUND_PX, LEAST_LATER, LATER_PX, MOST_LATER, LATER_STEP
     )
 
 
-def _marked(sharp: Field, around_px: int, least: float, reach_px: int, most_share: float, step: int) -> Image:
+def _sharp_mask(
+    sharp: Field, around_px: int, least: float, reach_px: int, most_share: float, step: int
+) -> Image:
     """Return the mask of sharp places with a margin; empty if there are too many.
 
     step: the change around a place is the median of every `step`-th pixel of a square.

@@ -12,7 +12,7 @@ from drivers.clock import NS_PER_S, to_ns
 from drivers.types import Image
 from rig.tactile.contact.gate import Region, find_contact
 from rig.tactile.contact.gel_marks import FILL_PX, find_later_marks
-from rig.tactile.contact.relative import smoothed
+from rig.tactile.contact.relative import smooth
 
 WEAK_SHARE = 0.5
 """A contact that falls below this fraction of its largest strength times area may have ended."""
@@ -121,12 +121,12 @@ class LaterMarks:
 
         unfilled: returns the relative difference (h, w, 3) of the frame, with its marks.
         """
-        verdict = self._judged(unfilled, region, time_ns)
+        verdict = self._verdict(unfilled, region, time_ns)
         if verdict.is_contact:
             self._quiet.leave_out()
         return verdict
 
-    def _judged(self, unfilled: Callable[[], Field], region: Region | None, time_ns: int) -> Verdict:
+    def _verdict(self, unfilled: Callable[[], Field], region: Region | None, time_ns: int) -> Verdict:
         if self._suspicion is not None and self._suspicion.is_refuted(region, time_ns):
             self._suspicion = None
         if self._suspicion is not None and self._suspicion.is_confirmed:
@@ -175,7 +175,7 @@ class LaterMarks:
         clear = (cv2.resize(marked, size, interpolation=cv2.INTER_AREA) == 0).astype(np.float32)[..., None]
         sums = cv2.GaussianBlur(np.dstack([work * clear, clear]), (0, 0), FILL_PX)
         clean = np.where(clear > 0.0, work, sums[..., :3] / np.maximum(sums[..., 3:], 1e-3))
-        return find_contact(smoothed(clean)) is None
+        return find_contact(smooth(clean)) is None
 
     def _is_news(self, difference: Field) -> bool:
         """Search a frame without contact; return whether the marks have changed."""

@@ -71,7 +71,7 @@ class Misfit:
 
     def __init__(self, background: Image, comparison: Comparison) -> None:
         self._lively = [_span(lines) >= LIVELY for lines in lines_of(background)]
-        work = comparison.reduced(background)
+        work = comparison.reduce(background)
         self._reduced = _logarithm(work, comparison.light(work))
         self._smaller = _smaller(self._reduced)
         self._px = background.shape[1] / self._reduced.shape[1], background.shape[0] / self._reduced.shape[0]

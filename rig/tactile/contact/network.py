@@ -22,7 +22,7 @@ import onnxruntime
 from numpy.typing import NDArray
 
 from drivers.errors import FormatError, InputError
-from drivers.formats import parse_json, reason, shown
+from drivers.formats import parse_json, quote, reason
 from drivers.types import Image
 from rig.tactile.contact.model_files import MODELS, open_model, run_model
 from rig.tactile.contact.relative import RelativeDifference
@@ -55,7 +55,7 @@ def frame_planes(image: Image, size: tuple[int, int]) -> Planes:
 
 def compared_planes(image: Image, reference: RelativeDifference) -> Planes:
     """Return (6, h, w) float32 from an (H, W, 3) uint8 RGB frame: the relative difference, then the image."""
-    small = reference.reduced(image)
+    small = reference.reduce(image)
     planes = np.empty((6, *small.shape[:2]), np.float32)
     np.clip(reference.of(small).transpose(2, 0, 1), -MOST_DIFFERENCE, MOST_DIFFERENCE, out=planes[:3])
     np.multiply(small.transpose(2, 0, 1), np.float32(1.0 / 255.0), out=planes[3:])
@@ -167,6 +167,6 @@ def _recipe(session: onnxruntime.InferenceSession, channels: int, name: str) -> 
         raise InputError(f"{name}: its metadata cannot be read ({reason(error)}): export it again") from error
     if recipe.inputs is not by_channels or not 0.0 < recipe.threshold < 1.0:
         raise InputError(
-            f"{name}: its metadata ({shown(text)}) does not fit {channels} channels: export it again"
+            f"{name}: its metadata ({quote(text)}) does not fit {channels} channels: export it again"
         )
     return recipe

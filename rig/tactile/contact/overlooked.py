@@ -55,8 +55,8 @@ def overlooked_part(found: Image, difference: NDArray[np.float32]) -> Image | No
     low, high = cv2.min(one, two), cv2.max(one, two)
     least, middle = cv2.min(low, three), cv2.max(low, cv2.min(high, three))
     reach = max(1, round(FOOT_SHARE * found.shape[1]))
-    foot = _grown(found, reach)
-    joined = _joined(found, foot, reach, _clear(found, least), changes)
+    foot = _grow(found, reach)
+    joined = _find_extension(found, foot, reach, _clear(found, least), changes)
     apart = _apart(found, foot, _clear(found, middle))
     return joined if apart is None else apart if joined is None else joined | apart
 
@@ -70,7 +70,7 @@ def _clear(found: Image, change: Any) -> Image:
     return np.asarray(smooth > CLEARLY * max(usual, LEAST_CHANGE), np.uint8)
 
 
-def _joined(
+def _find_extension(
     found: Image, foot: Image, reach: int, clear: Image, changes: NDArray[np.float32]
 ) -> Image | None:
     """Return the clearly changed parts that extend the contact, with the foot between; None without any."""
@@ -78,11 +78,11 @@ def _joined(
     if cv2.countNonZero(further) < JOINED_SHARE * found.size or not found.any():
         return None
     parts, large = _numbered_parts(further, JOINED_SHARE)
-    beside = np.intersect1d(large, np.unique(parts[_grown(foot, 1) > 0]))
+    beside = np.intersect1d(large, np.unique(parts[_grow(foot, 1) > 0]))
     change = changes.sum(axis=0)
     least = LEAST_STRENGTH * float(np.median(change[found > 0]))
     part = np.asarray(np.isin(parts, [n for n in beside if np.median(change[parts == n]) >= least]), np.uint8)
-    return part | (_grown(part, reach) & foot) if part.any() else None
+    return part | (_grow(part, reach) & foot) if part.any() else None
 
 
 def _apart(found: Image, foot: Image, clear: Image) -> Image | None:
@@ -104,6 +104,6 @@ def _numbered_parts(mask: Image, share: float) -> tuple[NDArray[np.int32], NDArr
     return np.asarray(parts, np.int32), large
 
 
-def _grown(mask: Image, reach: int) -> Image:
+def _grow(mask: Image, reach: int) -> Image:
     kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach + 1, 2 * reach + 1))
     return np.asarray(cv2.dilate(mask, kernel), np.uint8)

@@ -52,7 +52,7 @@ class RelativeDifference:
     def __init__(self, background: Image, size: tuple[int, int]) -> None:
         check_frame(background)
         self.size = size
-        work = self.reduced(background).astype(np.float32)
+        work = self.reduce(background).astype(np.float32)
         self._weight = np.asarray(1.0 / (work + DARK_OFFSET), np.float32)
         self._relative = np.asarray(work * self._weight, np.float32)
         self._sample = block_means(work)
@@ -65,7 +65,7 @@ class RelativeDifference:
         """The factor of a frame's pixels, (h, w, 3), and the value subtracted then."""
         return self._weight, self._relative
 
-    def reduced(self, image: Image) -> Image:
+    def reduce(self, image: Image) -> Image:
         """Return the reduced copy, (h, w, 3) uint8."""
         # OpenCV has a fast path for halving, which is several times faster than other reductions.
         while min(image.shape[0] / self.size[1], image.shape[1] / self.size[0]) >= 2.0 and _even(image):
@@ -109,7 +109,7 @@ def _even(image: Image) -> bool:
     return image.shape[0] % 2 == 0 and image.shape[1] % 2 == 0
 
 
-def smoothed(difference: NDArray[np.float32]) -> NDArray[np.float32]:
+def smooth(difference: NDArray[np.float32]) -> NDArray[np.float32]:
     """Return a relative difference (h, w, 3) of the reduced copy without the noise of single pixels."""
     side = (NOISE_BLUR_SIDE, NOISE_BLUR_SIDE)
     return np.asarray(cv2.GaussianBlur(difference, side, NOISE_BLUR_PX), np.float32)

@@ -47,7 +47,7 @@ begin in contact have -0.02 to 0.06."""
 class Comparison:
     """Compares frames with one background. background: (H, W, 3) uint8 RGB.
 
-    A method that takes a frame also takes its reduced copy, see `reduced`.
+    A method that takes a frame also takes its reduced copy, see `reduce`.
     """
 
     def __init__(self, background: Image) -> None:
@@ -59,16 +59,16 @@ class Comparison:
         self._dotted = RelativeDifference(background, twice) if dotted else None
         self._light = RelativeDifference(self._plain(background), self._size)
 
-    def reduced(self, image: Image) -> Image:
+    def reduce(self, image: Image) -> Image:
         """Return the reduced copy of a frame, (h, w, 3) uint8, with its dots filled.
 
         A frame that is as small as the copy is returned unchanged.
         """
-        return image if image.shape[1::-1] == self._size else self._light.reduced(self._plain(image))
+        return image if image.shape[1::-1] == self._size else self._light.reduce(self._plain(image))
 
     def light(self, image: Image) -> Light:
         """Return the light of a frame against that of the background."""
-        return self._light.light_of(self.reduced(image))
+        return self._light.light_of(self.reduce(image))
 
     def region(self, image: Image, light: Light | None = None) -> Region | None:
         """Return the region where a frame differs from the background like a contact; None without any.
@@ -79,7 +79,7 @@ class Comparison:
 
     def difference(self, image: Image, light: Light | None = None) -> NDArray[np.float32]:
         """Return the relative difference of a frame's reduced copy from the background, (h, w, 3)."""
-        return self._light.of(self.reduced(image), light)
+        return self._light.of(self.reduce(image), light)
 
     def edge_ratio(self, image: Image, slopes: NDArray[np.float32]) -> float | None:
         """Return the log ratio of the background's edges to those of a frame, where they differ.
@@ -87,7 +87,7 @@ class Comparison:
         It is negative if the frame has the stronger edges, as a contact has. None if they do not differ.
         slopes: of the background, or of one of the frames whose mean it is.
         """
-        work = self.reduced(image)
+        work = self.reduce(image)
         region = self.region(work)
         return None if region is None else self.edge_ratio_in(region, work, slopes)
 
@@ -98,13 +98,13 @@ class Comparison:
 
     def slopes(self, image: Image) -> NDArray[np.float32]:
         """Return the gradient magnitude (h, w) of the logarithm of a frame's reduced copy."""
-        logarithm = cv2.GaussianBlur(cv2.LUT(self.reduced(image), LOGARITHM), (0, 0), SLOPE_PX)
+        logarithm = cv2.GaussianBlur(cv2.LUT(self.reduce(image), LOGARITHM), (0, 0), SLOPE_PX)
         right, down = (cv2.Sobel(logarithm, cv2.CV_32F, *way, ksize=1, scale=0.5) for way in ((1, 0), (0, 1)))
         size = cv2.magnitude(right.reshape(-1), down.reshape(-1)).reshape(right.shape)
         return np.asarray(cv2.transform(size, np.full((1, 3), 1.0 / 3.0, np.float32)) + FLAT, np.float32)
 
     def _plain(self, image: Image) -> Image:
-        return image if self._dotted is None else without_dots(self._dotted.reduced(image))
+        return image if self._dotted is None else without_dots(self._dotted.reduce(image))
 
 
 def still_opening(images: Iterable[Image]) -> list[Image]:

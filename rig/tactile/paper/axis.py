@@ -67,7 +67,7 @@ def pca_axis(contour: Contour) -> Axis | None:
         return None
     xx, xy, yy = spread
     angle = -0.5 * math.degrees(math.atan2(2 * xy, xx - yy))
-    return Axis(wrapped(angle), _elongation(points))
+    return Axis(wrap(angle), _elongation(points))
 
 
 def fit_ellipse(contour: Contour) -> Ellipse | None:
@@ -86,7 +86,7 @@ def fit_ellipse(contour: Contour) -> Ellipse | None:
         return None
     # OpenCV's angle is that of `width`, clockwise; the long axis is `height` unless wider.
     angle = -(turn if width > height else turn + 90.0)
-    return Ellipse((float(x), float(y)), sides[1], sides[0], wrapped(angle))
+    return Ellipse((float(x), float(y)), sides[1], sides[0], wrap(angle))
 
 
 def ellipse_axis(contour: Contour) -> Axis | None:
@@ -104,14 +104,14 @@ def skeleton_axis(contour: Contour) -> Axis | None:
     ellipse = fit_ellipse(contour)
     if ellipse is None:
         return None
-    pixels = cv2.findNonZero(thinned(_drawn(ellipse)))
+    pixels = cv2.findNonZero(thin(_draw(ellipse)))
     if pixels is None or len(pixels) < 2:
         return None
     dx, dy = cv2.fitLine(pixels, cv2.DIST_L2, 0, 0.01, 0.001).reshape(-1)[:2]
-    return Axis(wrapped(-math.degrees(math.atan2(dy, dx))), ellipse.long_px / ellipse.short_px)
+    return Axis(wrap(-math.degrees(math.atan2(dy, dx))), ellipse.long_px / ellipse.short_px)
 
 
-def thinned(mask: Image) -> Image:
+def thin(mask: Image) -> Image:
     """Thin a mask to lines one pixel wide by the method of Guo and Hall (CACM 32 (3), 1989).
 
     mask: (H, W) uint8, 0 or 255; the result has the same format. Only the bounding box of the set pixels is
@@ -127,12 +127,12 @@ def thinned(mask: Image) -> Image:
     return lines
 
 
-def wrapped(angle_deg: float) -> float:
+def wrap(angle_deg: float) -> float:
     """Wrap an axis angle to (-90, 90]."""
     return 90.0 - (90.0 - angle_deg) % 180.0
 
 
-def _drawn(ellipse: Ellipse) -> Image:
+def _draw(ellipse: Ellipse) -> Image:
     """Draw the filled ellipse in an image of its size, (H, W) uint8."""
     scale = min(1.0, MAX_DRAWN_PX / ellipse.long_px)
     long_px, short_px = ellipse.long_px * scale, ellipse.short_px * scale

@@ -16,7 +16,7 @@ from drivers.tally import SELDOM_NS, PictureNews, StreamTimes
 from drivers.types import ArmState, Image
 from rig.tactile.contact.finder import Contact, ContactFinder
 from rig.tactile.paper.axis import Axis, AxisMethod
-from rig.tactile.paper.published import ScriptAngle, ScriptError, ScriptFilter, stretched
+from rig.tactile.paper.published import ScriptAngle, ScriptError, ScriptFilter, stretch
 from rig.tactile.sample import (
     FreshFrameEstimator,
     SlipSample,
@@ -109,7 +109,7 @@ class AxisEstimator(FreshFrameEstimator):
         if axis is None or not self._observable:
             return replace(blind, skipped=("filter",))
         state = State.REKEYED if self._contact_lost else State.TRACKING
-        angle_deg = self._unwrapped(axis)
+        angle_deg = self._unwrap(axis)
         watch.lap("filter")
         return replace(blind, state=state, angle_deg=angle_deg)
 
@@ -117,7 +117,7 @@ class AxisEstimator(FreshFrameEstimator):
         self._observable = False
         self._contact_lost = self._unwrapped_deg is not None
 
-    def _unwrapped(self, axis: Axis) -> float:
+    def _unwrap(self, axis: Axis) -> float:
         """Return the axis angle, unwrapped modulo 180 degrees against the last angle."""
         self._contact_lost = False
         if self._unwrapped_deg is None:
@@ -161,7 +161,7 @@ class PublishedEstimator(TactileEstimator):
         watch.lap("contact")
         area = contact.area_px
         try:
-            angle_deg = None if contact.mask is None else self._method(stretched(contact.mask))
+            angle_deg = None if contact.mask is None else self._method(stretch(contact.mask))
         except (ScriptError, cv2.error):
             return SlipSample(
                 time_ns, State.LOST, contact_area_px=area, stage_s=watch.stage_s, skipped=("filter",)

@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 
 from drivers.types import Image
-from rig.tactile.paper.axis import MIN_POINTS, largest_contour, thinned
+from rig.tactile.paper.axis import MIN_POINTS, largest_contour, thin
 
 HEIGHT_PX, WIDTH_PX = 320, 256
 
@@ -23,7 +23,7 @@ class ScriptError(Exception):
     """Raised where the published script would end with an exception."""
 
 
-def stretched(mask: Image) -> Image:
+def stretch(mask: Image) -> Image:
     """Resize a mask (H, W) to the script's (320, 256), 0 or 255."""
     resized = cv2.resize(mask, (WIDTH_PX, HEIGHT_PX), interpolation=cv2.INTER_LINEAR)
     return np.where(resized > 127, 255, 0).astype(np.uint8)
@@ -43,7 +43,7 @@ def skeleton_angle(mask: Image) -> float | None:
         cv2.ellipse(filled, cv2.fitEllipse(contour), 255, -1)
     except cv2.error as error:
         raise ScriptError(str(error)) from error
-    lines, _ = cv2.findContours(thinned(filled), cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
+    lines, _ = cv2.findContours(thin(filled), cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
     if not lines:
         raise ScriptError("the ellipse has no skeleton in the image")
     dx, dy = cv2.fitLine(lines[0], cv2.DIST_L2, 0, 0.01, 0.001).reshape(-1)[:2]

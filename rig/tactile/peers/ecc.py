@@ -102,7 +102,7 @@ class EccEstimator(FreshFrameEstimator):
 
     def _estimate(self, image: Image, time_ns: int) -> SlipSample:
         watch = Stopwatch()
-        difference = self._light.of(self._light.reduced(image))
+        difference = self._light.of(self._light.reduce(image))
         difference = np.asarray(cv2.GaussianBlur(difference, (0, 0), NOISE_BLUR_PX), np.float32)
         region = find_contact(difference)
         watch.lap("contact")

@@ -170,7 +170,7 @@ class KolamuriEstimator(FreshFrameEstimator):
         check_frame(background)
         super().__init__(background.shape)
         self._size = _work_size(background)
-        self._finder = ContactFinder(without_markers(self._reduced(background)))
+        self._finder = ContactFinder(without_markers(self._reduce(background)))
         self._seen_ns: int | None = None
         self._zero_rad = self._angle_rad = 0.0
         self._tracker: DotTracker | None = None
@@ -181,7 +181,7 @@ class KolamuriEstimator(FreshFrameEstimator):
 
     def _estimate(self, image: Image, time_ns: int) -> SlipSample:
         watch, full = Stopwatch(), image.shape
-        image = self._reduced(image)
+        image = self._reduce(image)
         contact = self._finder.find(without_markers(image))
         watch.lap("contact")
         if contact.mask is None:
@@ -194,7 +194,7 @@ class KolamuriEstimator(FreshFrameEstimator):
         area = full_area(contact.area_px, image.shape, full)
         return SlipSample(time_ns, state, angle_deg, contact_area_px=area, stage_s=watch.stage_s)
 
-    def _reduced(self, image: Image) -> Image:
+    def _reduce(self, image: Image) -> Image:
         if self._size == image.shape[1::-1]:
             return image
         return np.asarray(cv2.resize(image, self._size, interpolation=cv2.INTER_AREA), np.uint8)

@@ -125,17 +125,17 @@ class WrenchAngleNetwork:
 
 def load_image_network(file: Path | None = None) -> ImageAngleNetwork:
     """Load the rig's AngleNet, or one from a file. Raises `InputError`."""
-    session, name = _opened("anglenet", file)
+    session, name = _open_network("anglenet", file)
     return ImageAngleNetwork(session, name)
 
 
 def load_wrench_network(file: Path | None = None) -> WrenchAngleNetwork:
     """Load the rig's network after Toskov et al., or one from a file. Raises `InputError`."""
-    session, name = _opened("toskov", file)
+    session, name = _open_network("toskov", file)
     return WrenchAngleNetwork(session, name)
 
 
-def _opened(shipped: str, file: Path | None) -> tuple[onnxruntime.InferenceSession, str]:
+def _open_network(shipped: str, file: Path | None) -> tuple[onnxruntime.InferenceSession, str]:
     if file is not None and not file.is_file():
         raise InputError(f"{file}: file not found: make it with {_HOW} {shipped} --out FOLDER")
     with as_file(MODELS / f"{shipped}.onnx") as path:

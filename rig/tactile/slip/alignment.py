@@ -36,7 +36,7 @@ from rig.tactile.slip.loops import (
     Plan,
     Planes,
     align,
-    sought,
+    search_grid,
     weigh,
 )
 from rig.tactile.slip.parameters import ALIGNMENT, KEYFRAMES
@@ -103,7 +103,7 @@ class Reading:
         self.slopes_share, self.pose = slopes_share, pose
         self.keys: list[Pose] = []
 
-    def moved(self, by: Pose) -> None:
+    def move(self, by: Pose) -> None:
         """Move the pose, for a frame that this reading has not aligned."""
         self.pose = self.pose.moved(by)
 
@@ -145,7 +145,7 @@ class Aligner:
         They are aligned to the richest keyframe and to those nearest to the last angle of a reading.
         """
         angles = [key.angle_rad for key in reading.keys]
-        self._view_slopes(slopes, corner_px, self._chosen(angles, reading.pose.angle_rad))
+        self._view_slopes(slopes, corner_px, self._choose(angles, reading.pose.angle_rad))
         self.read_as(reading)
 
     def _view_slopes(self, slopes: Field, corner_px: tuple[int, int], used: NDArray[np.int64]) -> None:
@@ -201,7 +201,7 @@ class Aligner:
         found, first = self._jointly(self.used[:1], starts, COARSE_ITERATIONS, COARSE_PART)
         return _fit(found), first
 
-    def sought(self, around: Pose, turns: int, steps: int) -> Pose:
+    def search_grid(self, around: Pose, turns: int, steps: int) -> Pose:
         """Return the pose on a grid at which the curvature agrees best with the richest keyframe.
 
         turns, steps: number of steps of `GRID_RAD` and `GRID_PX` to either side.
@@ -211,10 +211,10 @@ class Aligner:
         rim = 2 * (steps * GRID_PX + 1)
         plane = cv2.copyMakeBorder(self._slopes[CURVATURE], rim, rim, rim, rim, cv2.BORDER_CONSTANT)
         view = self._views[SLOPES] + (0.0, rim, rim)
-        angle, x, y = sought(self._bank[k, CURVED], self._facts[k], plane, view, pose, grid)
+        angle, x, y = search_grid(self._bank[k, CURVED], self._facts[k], plane, view, pose, grid)
         return Pose(angle, complex(x, y))
 
-    def _chosen(self, angles_rad: list[float], near_rad: float) -> NDArray[np.int64]:
+    def _choose(self, angles_rad: list[float], near_rad: float) -> NDArray[np.int64]:
         """Return the indices of the richest keyframe and of the nearest others that are rich enough."""
         rich = [key.richness for key in self._keys]
         richest = rich.index(max(rich))

@@ -23,15 +23,15 @@ from rig.tactile.slip.loops import (
     Plan,
     Planes,
     align,
+    search_grid,
     self_loss,
-    sought,
     weigh,
 )
 from rig.tactile.slip.pixels import (
     beyond_noise,
-    lit,
     slopes_in,
     strongest_energy,
+    subtract_light,
     summed_tensor,
 )  # fmt: skip
 
@@ -86,7 +86,7 @@ def _call_one_half() -> None:
     scratch = np.zeros((MOST_KEYS, 2, SCRATCH, MOST_POINTS), np.float32)
     align(keys, frame, weights, scratch, np.zeros((1, 3)), Plan(1.0, 1.0, 2, 1, 3))
     grid = Grid(1, 0.1, 1, 1, 1)
-    sought(keys.bank[0, CURVED], keys.facts[0], frame.slopes[0], frame.views[0], np.zeros(3), grid)
+    search_grid(keys.bank[0, CURVED], keys.facts[0], frame.slopes[0], frame.views[0], np.zeros(3), grid)
 
 
 def _call_other_half() -> None:
@@ -95,7 +95,7 @@ def _call_other_half() -> None:
     planes, mask, work = frame.slopes, np.ones((8, 8), np.uint8), np.zeros((8, 8, 3), np.float32)
     places, begins, image = np.zeros((2, 1), np.int32), np.zeros(2, np.int32), np.zeros((3, 8, 8), np.uint8)
     table = places, begins, places, planes[0, 0]
-    lit(image, (0, 0), np.ones((2, 3)), (planes, planes), table, 255, planes)
+    subtract_light(image, (0, 0), np.ones((2, 3)), (planes, planes), table, 255, planes)
     slopes_in(work, np.zeros((6, 8, 8), np.float32), 0, 0, np.zeros((8, 8, 2), np.float32))
     summed_tensor(planes, planes.copy())
     beyond_noise(planes, 0.0, (1, 1, 1, 1), planes[0], planes.copy())

@@ -15,7 +15,7 @@ from rig.tactile.blas_threads import one_blas_thread
 from rig.tactile.contact.gate import find_contact
 from rig.tactile.contact.gel_marks import found_marks
 from rig.tactile.contact.later_marks import LaterMarks
-from rig.tactile.contact.relative import RelativeDifference, full_area, smoothed, work_size
+from rig.tactile.contact.relative import RelativeDifference, full_area, smooth, work_size
 from rig.tactile.sample import FreshFrameEstimator, SlipSample, State, Stopwatch
 from rig.tactile.settling import NEW_GRASP_NS
 from rig.tactile.slip.all_loops import compile_all
@@ -82,8 +82,8 @@ class SlipEstimator(FreshFrameEstimator):
 
     def _estimate(self, image: Image, time_ns: int) -> SlipSample:
         watch = Stopwatch()
-        fine = self._fine_lit.reduced(image)
-        work = self._lit.reduced(fine)
+        fine = self._fine_lit.reduce(image)
+        work = self._lit.reduce(fine)
         if self._skip and self._computed is not None and np.array_equal(work, self._work):
             return replace(extrapolate(self._computed, time_ns), stage_s={}, skipped=self.stages)
         self._work, self._computed = work, self._fresh(image, fine, work, time_ns, watch)
@@ -93,11 +93,13 @@ class SlipEstimator(FreshFrameEstimator):
         light = self._lit.light(work)
         planes = self._lit.of(work, light, (0, 0, work.shape[1], work.shape[0]))
         clean = np.asarray(cv2.merge(list(planes)), np.float32)
-        difference = smoothed(clean)
+        difference = smooth(clean)
         region = find_contact(difference)
         if self._is_fine_due:
             self._fine_lit.fill(self._marks.marked)
-        verdict = self._marks.judge(lambda: self._fine_lit.unfilled(fine, light), region, time_ns)
+        verdict = self._marks.judge(
+            lambda: self._fine_lit.difference_with_marks(fine, light), region, time_ns
+        )
         self._is_fine_due = verdict.is_news
         if verdict.is_news:
             self._lit.fill(self._marks.marked)  # that of the fine copy in the next frame, to share the time

@@ -31,7 +31,7 @@ from calibration.gel.look import GelLook, change_by_slope
 from drivers.errors import CalibrationError
 from drivers.types import Image
 from rig.tactile.contact.relative import DARK_OFFSET, upper_median
-from rig.tactile.slip.height import Box, Field, Gradient, padded, relief, window
+from rig.tactile.slip.height import Box, Field, Gradient, pad, relief, window
 from rig.tactile.slip.pixels import slopes_in
 
 # Highest spatial frequency that is used, cycles per work pixel; above it there is more noise than shape.
@@ -77,7 +77,7 @@ class LearntGradientMap:
         slopes_in(difference, self._colours, box[1], box[0], slopes)
         return slopes
 
-    def reduced(self, size: tuple[int, int]) -> "LearntGradientMap":
+    def reduce(self, size: tuple[int, int]) -> "LearntGradientMap":
         """Return the map for smaller images, of a width and height; every Nth pixel is kept."""
         down, across = self.planes.shape[1] // size[1], self.planes.shape[2] // size[0]
         return LearntGradientMap(self.planes[:, : down * size[1] : down, : across * size[0] : across])
@@ -207,7 +207,7 @@ def _coordinates(shape: tuple[int, ...]) -> tuple[Field, Field]:
 
 def _curl_form(features: Field) -> NDArray[np.float64]:
     """Return the (2F, 2F) quadratic form of the solenoidal energy of `a.features, b.features`."""
-    spread = padded(features, 0.25)
+    spread = pad(features, 0.25)
     used, along_x, along_y = _frequencies(spread.shape[1], spread.shape[2])
     rows = np.asarray(fft.rfft(spread))[..., : used.shape[1]]
     chosen = np.asarray(fft.fft(rows, axis=1, overwrite_x=True), np.complex64)[:, used]

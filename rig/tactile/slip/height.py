@@ -46,7 +46,7 @@ def relief(gradient: Gradient, mask: Image, step: int = 1) -> Field:
     """
     rows, columns = mask.shape
     dent = gradient * window(mask, step)
-    spread = padded(np.stack([dent.real, dent.imag]), 0.5)
+    spread = pad(np.stack([dent.real, dent.imag]), 0.5)
     spectrum = np.asarray(fft.rfft2(spread), np.complex64)
     across, down = _integrals(spread.shape[1], spread.shape[2])
     height = fft.irfft2(across * spectrum[0] + down * spectrum[1], s=spread.shape[1:])
@@ -72,7 +72,7 @@ def window(mask: Image, step: int = 1) -> Field:
     return np.asarray(cv2.GaussianBlur(grown, (0, 0), WINDOW_BLUR_PX / step), np.float32)
 
 
-def padded(fields: Field, share: float) -> Field:
+def pad(fields: Field, share: float) -> Field:
     """Return fields (F, h, w) with a share of zeros added below and right; transforms are periodic."""
     count, rows, columns = fields.shape
     height, width = (int(fft.next_fast_len(n + int(n * share)) or n) for n in (rows, columns))

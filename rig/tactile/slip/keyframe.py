@@ -225,7 +225,7 @@ def _contact_proper(source: Source, learnt: LearntGradientMap) -> Image:
     size = (max(1, columns // COARSE), max(1, rows // COARSE))
     difference = np.asarray(cv2.resize(source.difference, size, interpolation=cv2.INTER_AREA), np.float32)
     small = np.asarray(cv2.resize(mask, size, interpolation=cv2.INTER_NEAREST), np.uint8)
-    height = relief(learnt.reduced(size).apply(difference), small, COARSE)
+    height = relief(learnt.reduce(size).apply(difference), small, COARSE)
     height, inside = cv2.resize(height, (columns, rows)), mask > 0
     heights = height[inside]
     at = int(SHALLOWER_SHARE * (heights.size - 1))

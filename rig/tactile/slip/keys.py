@@ -174,7 +174,7 @@ class Keyring:
                 if far or fit.rank < self._aligner.at(first).rank + ALIGNMENT.closing_gain:
                     return poses
                 for reading in self._readings:
-                    reading.moved(by)
+                    reading.move(by)
                 return [pose.moved(by) for pose in poses]
         return poses
 

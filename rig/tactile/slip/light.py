@@ -8,7 +8,7 @@ from drivers.types import Image
 from rig.tactile.contact.gel_marks import GelMarks
 from rig.tactile.contact.relative import SATURATED, RelativeDifference
 from rig.tactile.slip.height import Box, Field
-from rig.tactile.slip.pixels import lit
+from rig.tactile.slip.pixels import subtract_light
 
 Light = NDArray[np.float64]
 """Gain and offset per channel, (2, 3)."""
@@ -27,15 +27,15 @@ class Lit:
         """Fill other marks from now on."""
         self._marks = GelMarks(marked, self._difference.size).table
 
-    def reduced(self, image: Image) -> Image:
+    def reduce(self, image: Image) -> Image:
         """Return the reduced copy, (h, w, 3) uint8."""
-        return self._difference.reduced(image)
+        return self._difference.reduce(image)
 
     def light(self, work: Image) -> Light:
         """Return gain and offset of a reduced copy, see `RelativeDifference.light_of`."""
         return np.array(self._difference.light_of(work))
 
-    def unfilled(self, copy: Image, light: Light) -> Field:
+    def difference_with_marks(self, copy: Image, light: Light) -> Field:
         """Return the difference of a reduced copy with its marks, (h, w, 3)."""
         return self._difference.of(copy, (light[0], light[1]))
 
@@ -44,5 +44,5 @@ class Lit:
         left, top, width, height = box
         planes, colours = np.empty((3, height, width), np.float32), np.empty((3, height, width), np.uint8)
         cv2.split(copy[top : top + height, left : left + width], list(colours))
-        lit(colours, (left, top), light, self._terms, self._marks, SATURATED, planes)
+        subtract_light(colours, (left, top), light, self._terms, self._marks, SATURATED, planes)
         return planes

@@ -127,7 +127,7 @@ def _count(facts: Sums, channel: int, part: int) -> int:
 
 
 @compiled
-def _placed(
+def _place_points(
     key: Values, shape: tuple[int, int], view: Sums, place: At, rim: int, count: int
 ) -> tuple[NDArray[np.int32], Values]:
     """Return where a keyframe's points, moved, are in a plane (h, w).
@@ -162,7 +162,7 @@ def _read(keys: Keys, k: int, channel: int, frame: Planes, place: At, count: int
     """Read a channel at a keyframe's points, moved, with vectors turned back, into values; 0 outside."""
     key, view = keys.bank[k, channel], frame.views[channel]
     planes, unit = (frame.texture, keys.facts[k, UNIT]) if channel else (frame.slopes, 1.0)
-    at, parts = _placed(key, planes.shape[1:], view, place, 0, count)
+    at, parts = _place_points(key, planes.shape[1:], view, place, 0, count)
     angle = (1 + channel) * place[2]
     back, aslant = np.float32(math.cos(angle) * unit), np.float32(math.sin(angle) * unit)
     third, step, line = np.float32(unit), np.uintp(1), np.uintp(planes.shape[2])
@@ -181,7 +181,7 @@ def _read(keys: Keys, k: int, channel: int, frame: Planes, place: At, count: int
 @compiled
 def _agreement(key: Values, planes: Values, view: Sums, place: At, count: int) -> float | np.float32:
     """Return the cosine between a keyframe's curvature and that of planes (4, h, w) at its points, moved."""
-    at, parts = _placed(key, planes.shape[1:], view, place, 0, count)
+    at, parts = _place_points(key, planes.shape[1:], view, place, 0, count)
     plane, step, line = planes[3].reshape(-1), np.uintp(1), np.uintp(planes.shape[2])
     product, power, energy = np.float32(0.0), np.float32(1e-20), np.float32(1e-20)
     for i in range(count):
@@ -222,7 +222,7 @@ def self_loss(curved: Values, facts: Sums, slopes: Values, view: Sums, turn: flo
 
 
 @compiled
-def sought(
+def search_grid(
     key: Values, facts: Sums, plane: Values, view: Sums, pose: Sums, grid: Grid
 ) -> tuple[float, float, float]:
     """Return angle and point at which the curvature of a frame agrees best, on a grid around a pose.
@@ -248,7 +248,7 @@ def sought(
         at_x, at_y = middle_x - (x * cosine + y * sine), middle_y - (y * cosine - x * sine)
         away_x = facts[LEVER_X] * cosine + facts[LEVER_Y] * sine
         away_y = facts[LEVER_Y] * cosine - facts[LEVER_X] * sine
-        at, parts = _placed(key, plane.shape, view, (at_x - away_x, at_y - away_y, turn), rim, count)
+        at, parts = _place_points(key, plane.shape, view, (at_x - away_x, at_y - away_y, turn), rim, count)
         for i in range(-rim + 1, rim, grid.step_px):
             for j in range(-rim + 1, rim, grid.step_px):
                 shift, product, power = j * plane.shape[1] + i, np.float32(0.0), np.float32(1e-20)
@@ -369,7 +369,7 @@ def _equations(
 
 
 @compiled
-def _trimmed(key: Values, robust: Values, values: Values, count: int) -> float | np.float32:
+def _robust_correlation(key: Values, robust: Values, values: Values, count: int) -> float | np.float32:
     """Return the correlation of the slopes with the template, with robust weights."""
     product, power, energy = np.float32(0.0), np.float32(1e-20), np.float32(1e-20)
     for i in range(count):
@@ -398,7 +398,7 @@ def _eliminate(matrix: Sums, pulls: Sums) -> None:
 
 
 @compiled
-def _solved(matrix: Sums, pulls: Sums) -> tuple[float, float, float]:
+def _solve(matrix: Sums, pulls: Sums) -> tuple[float, float, float]:
     """Solve three symmetric equations in turn and point."""
     a, b, c = matrix[1, 1], matrix[1, 2], matrix[2, 2]
     p, q, determinant = matrix[0, 1], matrix[0, 2], a * c - b * b + 1e-12
@@ -476,7 +476,7 @@ def _step(keys: Keys, frame: Planes, work: _Work, plan: Plan, pose: At, renew: b
             for a in range(MOTION):
                 pulls[a] *= facts[SHARE]
             _add(matrix, pulls, facts[SHARE] * share, place[2], facts, normal, pulled)
-    turn, right, down = _solved(normal, pulled)
+    turn, right, down = _solve(normal, pulled)
     turn = min(max(turn, -MOST_TURN_STEP_RAD), MOST_TURN_STEP_RAD)
     right = min(max(right, -MOST_STEP_PX), MOST_STEP_PX)
     return turn, right, min(max(down, -MOST_STEP_PX), MOST_STEP_PX)
@@ -495,7 +495,7 @@ def _correlate(keys: Keys, frame: Planes, work: _Work, plan: Plan, pose: At) -> 
             key, count = keys.bank[k, channel], _count(keys.facts[k], channel, plan.part)
             _read(keys, k, channel, frame, place, count, values)
             if plan.channels == 1:
-                work.fits[k, channel] = _trimmed(key, work.scratch[k, channel, 0], values, count)
+                work.fits[k, channel] = _robust_correlation(key, work.scratch[k, channel, 0], values, count)
                 continue
             weights, energy = work.weights[k, channel], work.sums[k, channel, 1]
             product, power = _products(key, weights, values, 2 + channel, count)

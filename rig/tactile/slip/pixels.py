@@ -12,7 +12,7 @@ Image = NDArray[np.uint8]
 
 
 @compiled
-def lit(
+def subtract_light(
     colours: Image, corner: tuple[int, int], light: NDArray[np.float64], terms: tuple[Field, Field],
     table: tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.int32], Field], saturated: int, out: Field,
 ) -> None:  # fmt: skip

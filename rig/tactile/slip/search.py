@@ -130,7 +130,7 @@ class Search:
         self.readings[0].pose = aligned.fit.pose
         for reading in self.readings[1:]:
             if reading not in aligned.further:
-                reading.moved(by)
+                reading.move(by)
         return self._spread_rad(*([] if aligned.alone is None else [aligned.alone.angle_rad]))
 
     def anchor(self, by_px: complex) -> None:
@@ -184,12 +184,14 @@ class Search:
         asides = (angle + aside * ALIGNMENT.aside_rad for aside in ASIDES)
         starts = [found.pose, self.pose, *(Pose(aside, point) for aside in asides), Pose(angle, shifted)]
         if self.disagrees:
-            sought = self._aligner.sought(found.pose, NEAR_TURNS, NEAR_STEPS)
+            sought = self._aligner.search_grid(found.pose, NEAR_TURNS, NEAR_STEPS)
             if abs(sought.angle_rad - angle) < since.reach_rad:
                 starts.append(sought)
         if since.is_gap:
             turns = math.ceil(since.reach_rad / GRID_RAD)
-            starts += [self._aligner.sought(Pose(angle, at), turns, FAR_STEPS) for at in (shifted, point)]
+            starts += [
+                self._aligner.search_grid(Pose(angle, at), turns, FAR_STEPS) for at in (shifted, point)
+            ]
         return starts
 
     def _align_further(self, joint: Fit, since: Since) -> list[Reading]:

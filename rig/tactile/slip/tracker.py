@@ -66,11 +66,11 @@ class Tracker:
                 self._state = Touch(seen, Pose(angle_rad, seen.middle_px))
             return None if self._state is None or self._refused else self._state.tracked
         if isinstance(self._state, Touch):
-            self._state, busy = self._begun(self._state), True
+            self._state, busy = self._begin(self._state), True
             self._refused = self._state is None
         return None if self._state is None else self._state.follow(seen, busy)
 
-    def _begun(self, touch: "Touch") -> "Contact | None":
+    def _begin(self, touch: "Touch") -> "Contact | None":
         """Make the first keyframe of a contact; without a dent there is none."""
         learnt = self._learn(touch.source.difference, touch.source.mask)
         if learnt is None:

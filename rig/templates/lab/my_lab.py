@@ -87,11 +87,11 @@ class MyLabSensor(FrameReader, TactileSensor):
     def __init__(
         self, serial: str, rate_hz: float, size_px: tuple[int, int], clock: Clock, grey: int = 120
     ) -> None:
-        def opened() -> FrameStream:
+        def open_stream() -> FrameStream:
             return MyLabStream(rate_hz, size_px, clock, grey)
 
         super().__init__(
-            serial, rate_hz, opened, lambda raw: decode_frame(raw, size_px, upright=False), clock
+            serial, rate_hz, open_stream, lambda raw: decode_frame(raw, size_px, upright=False), clock
         )
 
     def set_light(self, red: float, green: float, blue: float) -> None:

@@ -29,7 +29,7 @@ require_ur_rtde()
 def test_protective_stop_is_released_on_request_only(controller: URController, arm: UR5e) -> None:
     motion = arm.move_linear(HOME.translated(z_m=-0.2), 0.1, 1.0)
     controller.inject("protective_stop")
-    error = first_error(motion.done)
+    error = first_error(motion.is_done)
     assert isinstance(error, ProtectiveStopError)
     assert arm.state().mode is ArmMode.PROTECTIVE_STOP
 
@@ -90,7 +90,7 @@ def test_fault_in_mid_motion_is_named_and_stops_the_arm(
     motion = arm.move_linear(HOME.translated(z_m=-0.25), 0.1, 1.0)
     until(lambda: motion.progress() > 0.05)
     controller.inject(kind, **arguments)
-    error = first_error(motion.done)
+    error = first_error(motion.is_done)
     assert said in str(error)
     arm.stop()
     assert stands(controller)

@@ -88,7 +88,7 @@ def test_stop_from_another_thread_ends_the_motion(controller: URController, arm:
     stopper.start()
     motion.wait(5.0)
     stopper.join()
-    assert motion.done()
+    assert motion.is_done()
     assert 0.2 < arm.state().base_T_tcp.position_m[2] < 0.299
     arm.move_linear(HOME, 0.25, 1.0).wait(5.0)
 

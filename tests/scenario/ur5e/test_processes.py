@@ -94,7 +94,7 @@ def test_crash_of_the_commanding_process_ends_the_motion_and_recovers(
 ) -> None:
     motion = arm.move_linear(HOME.translated(z_m=-0.25), 0.05, 1.0)
     os.kill(process_of(controller, "control"), crash)
-    error = first_error(motion.done)
+    error = first_error(motion.is_done)
     assert crash.name in str(error) or "control program" in str(error)
     arm.stop()
     assert stands(controller)
@@ -162,7 +162,7 @@ def test_motion_continues_for_a_moment_without_a_core(controller: URController) 
 @pytest.mark.heavy
 def test_controller_stops_the_arm_if_it_gets_no_commands(controller: URController, arm: UR5e) -> None:
     motion = arm.move_linear(HOME.translated(z_m=-0.20), 0.25, 1.0)
-    until(lambda: motion.done() or motion.progress() > 0.25)
+    until(lambda: motion.is_done() or motion.progress() > 0.25)
     there = height_m(controller)
     os.kill(process_of(controller, "control"), signal.SIGKILL)
     pause(0.5)

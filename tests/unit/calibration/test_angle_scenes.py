@@ -124,7 +124,7 @@ def printed_turns_deg(folder: Path, refine: Refine) -> float:
         for marker_id, quads in aruco.detect_all(aruco.detector("DICT_6X6_250"), grey).items():
             fine = refine(grey, quads[0][None])
             if len(quads) == 1 and not isinstance(fine, Refusal):
-                seen[marker_id] = camera.undistorted(fine)[0]
+                seen[marker_id] = camera.undistort(fine)[0]
         for pair in combinations(sorted(printed.keys() & seen.keys()), 2):
             middles = [printed[i].mean(axis=0) for i in pair]
             if np.linalg.norm(middles[0] - middles[1]) < FARTHEST_SIDES:

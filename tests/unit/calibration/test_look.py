@@ -52,7 +52,7 @@ def test_look_is_read_back_unchanged_or_refused(
     fit: LookFit, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = tmp_path / "tactile-D1.npz"
-    path.write_bytes(replace(fit.look, about={"serial": "D1"}).packed())
+    path.write_bytes(replace(fit.look, about={"serial": "D1"}).pack())
     again = load_look(path)
     dent = np.zeros((160, 120), np.float32)
     dent[40:80, 30:60] = 0.3
@@ -148,7 +148,7 @@ def _unexplained(fit: LookFit, corrections: int, monkeypatch: pytest.MonkeyPatch
     light = RelativeDifference(background, size)
     depth = cv2.resize(dent, size, interpolation=cv2.INTER_AREA)
     mask = (depth > 0.05).astype(np.uint8)
-    slopes = gradient.CalibratedSlopes(look, background, size).of(light.of(light.reduced(frame)), mask)
+    slopes = gradient.CalibratedSlopes(look, background, size).of(light.of(light.reduce(frame)), mask)
     true = np.dstack(np.gradient(depth, *(4.0 * mm for mm in look.mm_per_px))[::-1])
     inside = mask > 0
     found, known = slopes[inside][:, :2].ravel(), true[inside].ravel()

@@ -37,7 +37,7 @@ def test_slowed_clock_advances_and_waits_by_its_slowness() -> None:
     assert slow.now_ns() >= began_ns + NS_PER_S // 200
     assert host.now_ns() - began_host_ns >= 19 * NS_PER_S // 200
     assert host_s(slow, 0.5) == 10.0
-    assert host_s(SharedClock.started(20), 0.5) == 10.0
+    assert host_s(SharedClock.start(20), 0.5) == 10.0
     assert host_s(host, 0.5) == host_s(SimulatedClock(realtime=True), 0.5) == 0.5
 
 

@@ -27,11 +27,11 @@ from drivers.formats import (
     parse_whole,
     picture,
     picture_flaw,
+    quote,
     read_bounded,
     read_csv_rows,
     read_yaml,
     reason,
-    shown,
 )
 from drivers.images import decode_image, image_flaw, load_image
 
@@ -179,7 +179,7 @@ def test_any_changed_byte_of_a_png_and_a_jpeg_with_too_many_scans_are_detected()
 
 
 def test_error_text_is_short_printable_and_without_passwords() -> None:
-    assert len(shown("x" * 10_000)) < 70
+    assert len(quote("x" * 10_000)) < 70
     assert len(reason(ValueError("x" * 10_000))) < 170
     assert "\n" not in reason(ValueError("two\nlines \ud800"))
     reason(ValueError("\ud800")).encode()

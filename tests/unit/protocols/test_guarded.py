@@ -17,7 +17,7 @@ from protocols.capture_pivot import FIRST_ABOVE_M, capture_pivot
 from protocols.observer import Phase
 from protocols.safe_end import safe_end
 from protocols.slip_trial import run_lift
-from protocols.steps import CLEARANCE_M, LOWER_SPEED_M_S, MOTION_TIMEOUT_S, guarded, move
+from protocols.steps import CLEARANCE_M, LOWER_SPEED_M_S, MOTION_TIMEOUT_S, guard, move
 from support.worlds import HOME
 
 LiftOf = Callable[..., Any]
@@ -187,8 +187,8 @@ def test_force_from_any_side_stops_a_guarded_motion(change_n: tuple[float, float
         stop=lambda: stopped.append(True),
     )
     bench: Any = SimpleNamespace(arm=arm, clock=None)
-    motion: Any = SimpleNamespace(done=lambda: False)
+    motion: Any = SimpleNamespace(is_done=lambda: False)
     before: Any = SimpleNamespace(force_n=weight_n)
     with pytest.raises(ContactForceError):
-        guarded(bench, motion, before).done()
+        guard(bench, motion, before).is_done()
     assert stopped

@@ -54,7 +54,7 @@ def watched(monkeypatch: pytest.MonkeyPatch) -> Iterator[Watched]:
 
     monkeypatch.setattr(bench.arm, "move_linear", moved)
     monkeypatch.setattr(bench.arm, "stop", stopped)
-    with bench.connected():
+    with bench.connection():
         bench.gripper.activate()
         yield watched
 

@@ -62,7 +62,7 @@ def pumped(shutters: list[Shutter], duration_s: float) -> tuple[list[Frame], int
 @contextmanager
 def pumping(bench: Bench, observer: LiftObserver | None = None) -> Iterator[Pump]:
     """A started pump of a connected bench."""
-    with bench.connected():
+    with bench.connection():
         bench.clock.sleep_until(to_ns(0.2))
         pump = Pump(bench, observer or Seen())
         pump.start()

@@ -21,7 +21,7 @@ from support.benches import NOISE_DEG, NOISE_M
 @pytest.fixture
 def made(light_bench: BenchConfig) -> Iterator[tuple[Bench, Operator]]:
     bench, operator = build_bench(light_bench)
-    with bench.connected():
+    with bench.connection():
         yield bench, operator
 
 

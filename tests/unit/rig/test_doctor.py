@@ -8,7 +8,7 @@ import pytest
 from drivers.errors import DeviceError, InputError
 from rig.bench.assembly import build_bench
 from rig.bench.findings import Finding, Severity
-from rig.bench.source import reserved
+from rig.bench.source import reserve_bench
 from rig.config import BenchConfig, load_bench
 from rig.doctor.actuators import look_at_arm, look_at_gripper
 from rig.doctor.examination import examine, look_at_calibrations, look_at_disk, look_at_usb
@@ -116,7 +116,7 @@ def test_devices_that_another_program_uses_are_not_read(
 ) -> None:
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
     bench = load_bench(real_bench_file(tmp_path))
-    with reserved(bench):
+    with reserve_bench(bench):
         *_, last = examine(bench, tmp_path, tmp_path)
     assert (last.device, last.verdict) == ("bench", Severity.FAILURE)
     assert "another rig program uses this bench" in last.seen

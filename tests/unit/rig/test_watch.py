@@ -26,7 +26,7 @@ from rig.live.feed import KEPT_MESSAGES, Inbox, Listener, Message, Sender
 from rig.live.state import KEPT_FAULTS, KEPT_POINTS, RECORD_HEAD, Progress, StateNews, WatchState
 from rig.live.watch import READ_EVERY_S, WatchPage, watch_address
 from rig.pages.serving import BURST, MOST_PER_S
-from rig.terminal.onlookers import Event, announce, announcing, asked, observed_by
+from rig.terminal.onlookers import Event, announce, announce_question, announcing, observed_by
 from support import waiting
 from support.browser import NEEDS_CHROMIUM, Browser
 from support.waiting import until
@@ -106,7 +106,7 @@ def test_page_shows_the_newest_values(page: WatchPage) -> None:
 
 def test_question_is_shown_until_answered_and_faults_stay(page: WatchPage) -> None:
     with observed_by(page.show_event):
-        with asked("Place object t1 on its mark. Ready?"):
+        with announce_question("Place object t1 on its mark. Ready?"):
             assert values(page)["question"] == "Place object t1 on its mark. Ready?"
         assert values(page)["question"] == ""
         progress = announcing(lambda *_: None, lambda row: f"a {row}", lambda row: "it fell" if row else None)

@@ -60,9 +60,9 @@ def test_status_without_the_echo_of_the_command_is_ignored(gripper: Robotiq3F, s
     gripper.move_to(opening_m(gripper, 20)).wait(5.0)
     server.inject("deaf")
     motion = gripper.move_to(opening_m(gripper, 30))
-    assert not motion.done()
+    assert not motion.is_done()
     with pytest.raises(DeviceTimeoutError, match="did not start it"):
-        raise raised_by(motion.done)
+        raise raised_by(motion.is_done)
 
 
 def set_mode(server: GripperServer, mode: GraspMode) -> None:

@@ -38,7 +38,7 @@ def test_fault_in_a_motion_is_reported_and_cleared_by_reconnecting(
         gripper.activate()
         motion = gripper.move_to(opening_m(gripper, 255))
         fake.inject(kind, **arguments)
-        error = raised_by(motion.done)
+        error = raised_by(motion.is_done)
         assert isinstance(error, expected)
         assert re.search(said, str(error))
         fake.inject("clear")

@@ -32,5 +32,5 @@ def test_one_finger_that_has_met_the_object_is_a_grip(monkeypatch: pytest.Monkey
     status = Status(True, GraspMode.BASIC, True, Stage.READY, MotionStatus.SOME_STOPPED_EARLY, 0, axes)
     gripper = Robotiq3F(tcp_link("127.0.0.1", 1), fingers=("A", "B", "C"))
     connected = SimpleNamespace(sample=lambda: StatusSample(0, status))
-    monkeypatch.setattr(gripper, "_connected", lambda: connected)
+    monkeypatch.setattr(gripper, "_require_line", lambda: connected)
     assert gripper.state().gripping

@@ -84,7 +84,7 @@ class GripperRun(RuleBasedStateMachine):
         state = self.gripper.state()
         assert not state.moving
         if self.motion is not None:
-            assert self.motion.done()
+            assert self.motion.is_done()
             self.at, self.motion = state.raw["position_counts"], None
 
     @rule()

@@ -132,7 +132,7 @@ def test_wait_for_a_slow_controller_is_not_counted_as_silence(watch: Callable[..
     watched.look()
     asked_ns = watched.time_ns
     watched.pass_unchecked(0.75)  # the process that commands waits as well
-    watched.heartbeat.answered(asked_ns)
+    watched.heartbeat.note_answer(asked_ns)
     watched.wait(0.9 * LIMIT_S)
     assert watched.stops == 0
     watched.wait(0.2 * LIMIT_S)

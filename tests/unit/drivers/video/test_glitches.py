@@ -62,7 +62,7 @@ def test_permanently_shifted_stream_must_be_reopened() -> None:
         assert check.flaw(np.roll(unit(1, 2), 40, axis=0)) == "shifted"
     with pytest.raises(DeviceError, match="shifted"):
         check.flaw(np.roll(unit(1, 2), 40, axis=0))
-    check.reopened()
+    check.note_reopening()
     assert check.flaw(np.roll(unit(1, 3), 40, axis=0)) == "shifted"
     assert check.flaw(unit(1, 3)) is None
 

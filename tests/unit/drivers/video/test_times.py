@@ -42,7 +42,7 @@ def test_no_drops_are_counted_from_arrival_times() -> None:
 def test_sequence_continues_if_the_source_restarts_its_numbers(before: int, after: int) -> None:
     count = SequenceCounter(60.0)
     last = count.sequence_of(before, 0, True)
-    count.opened(after_failure=True)
+    count.note_opening(after_failure=True)
     first = count.sequence_of(after, 60 * PERIOD_NS, True)
     assert first > last
     assert count.sequence_of(after + 1, 61 * PERIOD_NS, True) == first + 1
@@ -51,10 +51,10 @@ def test_sequence_continues_if_the_source_restarts_its_numbers(before: int, afte
 
 def test_frames_before_reconnecting_are_not_counted_as_dropped() -> None:
     count = SequenceCounter(60.0)
-    count.opened(after_failure=False)
+    count.note_opening(after_failure=False)
     assert [count.sequence_of(number, number * PERIOD_NS, True) for number in (5, 10)] == [5, 10]
     assert count.dropped == 4
-    count.opened(after_failure=False)
+    count.note_opening(after_failure=False)
     assert count.sequence_of(500, 10**10, True) == 500
     assert count.dropped == 4
 

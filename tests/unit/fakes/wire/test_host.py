@@ -20,7 +20,7 @@ from fakes.wire.net import Control, ControlServer, require_free, taken_ports
 from fakes.world.mirror import MirroredWorld, Track, snapshot_of
 from fakes.world.world import World
 from rig.bench.assembly import build_real_bench
-from rig.bench.fakes_process import addressed, fakes_control, hosted_fakes
+from rig.bench.fakes_process import fakes_control, hosted_fakes, with_addresses
 from rig.bench.twins import laid_as
 from rig.config import BenchConfig, load_bench
 from rig.config.load import parse_bench
@@ -157,7 +157,7 @@ def test_printed_bench_file_is_read_back_with_its_addresses(transport: str, tmp_
     gripper = ("127.0.0.2", 40001) if transport == "tcp" else str(tmp_path / "gripper")
     config = _with_gripper(transport=transport)
     streams = {serial: f"http://127.0.0.2/{serial}" for serial in ("SIM-D0001", "SIM-D0002", "SIM-C0001")}
-    served = addressed(config, Addresses("127.0.0.2", gripper, streams, "127.0.0.2:9"))
+    served = with_addresses(config, Addresses("127.0.0.2", gripper, streams, "127.0.0.2:9"))
     again = parse_bench(bench_text(served), "served.toml")
     assert again == served
     assert again.arm.host == "127.0.0.2"

@@ -33,7 +33,7 @@ def test_arm_limits_equal_those_of_the_bench_file(limits: dict[str, Any], said: 
     for config, refused in ((bench_with(lambda v: v["arm"]["limits"].update(limits)), True),
                             (load_bench("fake"), False)):  # fmt: skip
         bench, _ = build_bench(config)
-        with bench.connected():
+        with bench.connection():
             if refused:
                 with pytest.raises(OutOfLimitsError, match=said):
                     bench.arm.move_linear(target, 0.2, 1.0)
@@ -49,7 +49,7 @@ def test_gripper_range_equals_that_of_the_bench_file() -> None:
     config = bench_with(lambda v: v["gripper"]["limits"].update(limits))
     bench, _ = build_bench(config)
     assert bench.gripper.spec == config.gripper_spec()
-    with bench.connected():
+    with bench.connection():
         assert bench.gripper.state().raw["position_counts"] == 10
         bench.gripper.activate()
         for beyond_m in (0.1005, -0.0105):

@@ -87,10 +87,10 @@ def test_fingertips_are_compared_with_their_stored_no_contact_frames(press: Any)
     untouched, touched = press(None, seed=1), press(20.0, seed=2)
     memory = HandMemory("arm")
     memory.recall()
-    assert memory.touched(tips(touched, touched)) == []  # nothing to compare with
+    assert memory.tips_in_contact(tips(touched, touched)) == []  # nothing to compare with
     memory.keep_untouched(tips(untouched, press(None, seed=3)))
-    assert memory.touched(tips(press(None, seed=4), press(None, seed=5))) == []
-    assert memory.touched(tips(press(None, seed=4), touched)) == ["D2"]
-    assert memory.touched(tips(None, touched)) == ["D2"]
+    assert memory.tips_in_contact(tips(press(None, seed=4), press(None, seed=5))) == []
+    assert memory.tips_in_contact(tips(press(None, seed=4), touched)) == ["D2"]
+    assert memory.tips_in_contact(tips(None, touched)) == ["D2"]
     memory.keep_untouched(tips(None, untouched))
-    assert memory.touched(tips(touched, untouched)) == ["D1"]
+    assert memory.tips_in_contact(tips(touched, untouched)) == ["D1"]

@@ -93,7 +93,7 @@ def test_nothing_is_connected_before_consent_and_the_question_shows_the_speed_sl
 ) -> None:
     monkeypatch.setattr(UR5e, "speed_fraction", lambda arm: 0.4)
     monkeypatch.setattr("rig.bench.findings.reach", lambda *_: None)
-    monkeypatch.setattr(Bench, "connected", lambda bench: pytest.fail("connected"))
+    monkeypatch.setattr(Bench, "connection", lambda bench: pytest.fail("connected"))
     asked: list[str] = []
     person = ConsoleOperator(lambda question: bool(asked.append(question)))
     with (
@@ -111,7 +111,7 @@ def test_second_program_on_a_bench_is_refused_before_any_device_is_read(
 ) -> None:
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
     monkeypatch.setattr("rig.bench.source.first_findings", lambda *_: [])
-    monkeypatch.setattr(Bench, "connected", lambda bench: nullcontext(bench))
+    monkeypatch.setattr(Bench, "connection", lambda bench: nullcontext(bench))
     monkeypatch.setattr("rig.bench.source.HandMemory.touched", lambda memory, bench: [])
     agreeing = ConsoleOperator(lambda question: True)
     asked = ConsoleOperator(lambda question: pytest.fail(question))
@@ -162,7 +162,7 @@ def test_protective_stop_is_released_only_after_an_inspection() -> None:
     config = BenchConfig.model_validate({**load_bench("fake").model_dump(), "faults": [fault]})
     bench, _ = build_bench(config)
     refusing = ConsoleOperator(lambda _: False)
-    with bench.connected():
+    with bench.connection():
         with pytest.raises(OperatorStopError):
             make_ready(bench, refusing)
         assert bench.arm.state().mode is ArmMode.PROTECTIVE_STOP
@@ -178,7 +178,7 @@ def test_objects_are_asked_for_when_they_change_and_after_a_fall(monkeypatch: py
         if object_id:
             operator.place(object_id, name)
         else:
-            operator.displaced()
+            operator.note_displaced()
     assert [question.split()[2] for question in asked] == ["t1", "t1", "7"]
     asked.clear()
     standing = standing_bench(monkeypatch, operator, Holding.FREE)
@@ -195,7 +195,7 @@ def test_agreement_in_advance_covers_only_the_first_object() -> None:
     person.place("gauge:30", "gauge")
     person.place("gauge:30", "gauge")
     assert asked == []
-    unsure.displaced()
+    unsure.note_displaced()
     for who, said in ((person, r"gauge:30 \(gauge\) may still be there: a person has to place"),
                       (unsure, "fell or may lie anywhere")):  # fmt: skip
         with pytest.raises(OperatorStopError, match=said) as refused:

@@ -85,12 +85,12 @@ def test_windows_after_one_pass_equal_the_estimator_run_with_that_window(
 ) -> None:
     turns = [None, 0, 0, 0, 0, 0, 0, 0, 3, 6, 9, None, 12, 15]
     frames = [press(turn, seed=i) for i, turn in enumerate(turns)]
-    one_pass = contenders.unfiltered(blank, None, (name,))[name]
+    one_pass = contenders.make_unfiltered(blank, None, (name,))[name]
     samples = [one_pass.update(frame, i * FRAME_NS) for i, frame in enumerate(frames)]
     whole = choose_estimator(name).make(blank, None, 1)
     expected = [whole.update(frame, i * FRAME_NS).angle_deg for i, frame in enumerate(frames)]
     window = 2 if name not in ("slip", "ecc") else 1
-    assert [s.angle_deg for s in contenders.filtered(name, samples, window)] == expected
+    assert [s.angle_deg for s in contenders.filter_samples(name, samples, window)] == expected
 
 
 @given(
@@ -101,7 +101,7 @@ def test_window_adds_no_angles_to_refused_frames(angles: list[float | None], win
     samples = [
         SlipSample(i * FRAME_NS, State.LOST if a is None else State.TRACKING, a) for i, a in enumerate(angles)
     ]
-    made = contenders.filtered("ecc", samples, window)
+    made = contenders.filter_samples("ecc", samples, window)
     assert [s.angle_deg is None for s in made] == [a is None for a in angles]
     known = [a for a in angles if a is not None]
     assert all(min(known) - 1e-9 <= s.angle_deg <= max(known) + 1e-9 for s in made if s.angle_deg is not None)

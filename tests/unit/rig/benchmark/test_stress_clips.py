@@ -59,11 +59,11 @@ def test_disturbances_have_their_documented_effect(clip: Clip) -> None:
     darker = disturbed(clip, stress.drift(-0.2, (1, 1, 1))).frames
     assert float(darker[-1].mean()) == pytest.approx(0.8 * float(clip.frames[-1].mean()), rel=0.01)
     assert np.array_equal(darker[0], clip.frames[0])
-    assert disturbed(clip, stress.resized(60, 80)).background.shape == (80, 60, 3)
+    assert disturbed(clip, stress.resize(60, 80)).background.shape == (80, 60, 3)
     assert len(disturbed(clip, stress.every(2)).frames) == (len(clip.frames) + 1) // 2
     late = disturbed(clip, stress.late).time_ns
     assert sorted(late) == list(clip.time_ns) != list(late)
-    doubled = disturbed(clip, stress.duplicated)
+    doubled = disturbed(clip, stress.duplicate_frames)
     assert np.array_equal(doubled.frames[5], clip.frames[4])
     assert doubled.time_ns == clip.time_ns
 

@@ -13,7 +13,7 @@ from rig.benchmark import trials as study
 from rig.benchmark.estimators.contenders import SharedContact
 from rig.benchmark.harness import Report, Run
 from rig.benchmark.segmentation import NETWORKS, parse_models
-from rig.benchmark.trials import TITLES, TrialsOptions, measure, thinned
+from rig.benchmark.trials import TITLES, TrialsOptions, measure, thin
 from rig.tactile.contact.finder import NO_CONTACT
 from rig.tactile.paper.axis import METHODS
 from support.benches import lighter, short_phases
@@ -25,7 +25,7 @@ IMAGE = np.zeros((40, 30, 3), np.uint8)
 @pytest.mark.parametrize(("rate_hz", "kept"), [(60.0, 30), (30.0, 30), (25.0, 25)])
 def test_faster_sensors_are_thinned_to_thirty_frames(rate_hz: float, kept: int) -> None:
     frames = [Frame(IMAGE, round(i / rate_hz * 1e9), i, "D", None) for i in range(round(rate_hz))]
-    assert len(list(thinned(iter(frames)))) == kept
+    assert len(list(thin(iter(frames)))) == kept
 
 
 def test_network_segments_each_frame_once() -> None:

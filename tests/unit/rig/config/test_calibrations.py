@@ -241,10 +241,10 @@ def test_session_stores_the_files_and_refuses_a_changed_one(light_bench: BenchCo
 def with_gel(folder: Path, name: str, simulated: bool = True) -> BenchConfig:
     """Return the bench `fake` whose first fingertip names a calibration with a look of two terms."""
     path = keep(folder, "tactile", {"tactile": "D20641"}, {"look": "own.npz"}, simulated=simulated)
-    weights, noise = np.arange(27.0).reshape(9, 3), CameraNoise.uncorrelated(np.diag([4.0, 1.0, 9.0]))
+    weights, noise = np.arange(27.0).reshape(9, 3), CameraNoise.independent(np.diag([4.0, 1.0, 9.0]))
     background = np.full((320, 240, 3), 90.0, np.float32)
     look = GelLook(background, weights, 0, False, False, (0.05, 0.06), noise, None)
-    (folder / "own.npz").write_bytes(look.packed())
+    (folder / "own.npz").write_bytes(look.pack())
     text = (BENCHES / "fake.toml").read_text().replace('finger = "B"', f'finger = "B"\ngel = "{path.name}"')
     (folder / name).write_text(text)
     return load_bench(str(folder / name))

@@ -11,6 +11,7 @@ from drivers.errors import CalibrationError
 from drivers.types import ArmMode, ArmState, Image, Pose
 from rig.frames.estimates import (
     Estimate,
+    apply_zero,
     contact_ms,
     estimate_frames,
     estimate_series,
@@ -19,7 +20,6 @@ from rig.frames.estimates import (
     frame_ms,
     read_scale,
     shift_mm,
-    zeroed,
 )
 from rig.frames.series import FrameSeries, TimedFrame
 from rig.frames.times import FrameTime
@@ -96,7 +96,7 @@ def test_only_processed_frames_with_contact_are_timed(
     samples: list[SlipSample], expected: tuple[float | None, ...]
 ) -> None:
     times = tuple(FrameTime(str(sample.time_s), sample.time_ns) for sample in samples)
-    found = figures(zeroed(Estimate(times, tuple(samples)), None))
+    found = figures(apply_zero(Estimate(times, tuple(samples)), None))
     assert (found.median_ms, found.p90_ms, found.p99_ms) == pytest.approx(expected)
     assert contact_ms(TIMED) == pytest.approx([float(ms) for ms in range(1, 13)])
     assert frame_ms([]) is None

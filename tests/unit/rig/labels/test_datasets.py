@@ -16,7 +16,7 @@ from rig.labels.label_files import labelme_mask, read_label
 from rig.labels.polygons import agreement, contact_label
 from rig.sessions.codec import json_value
 from rig.sessions.files import MANIFEST, write_json
-from rig.sessions.manifest import ReplayManifest, begun
+from rig.sessions.manifest import ReplayManifest, begin_manifest
 
 SHAPE = (60, 40)
 SQUARE = [[10.0, 20.0], [30.0, 20.0], [30.0, 50.0], [10.0, 50.0]]
@@ -152,7 +152,7 @@ def test_damaged_labels_are_named(damage, said: str, tmp_path: Path) -> None:
 
 def test_a_folder_beside_a_session_is_not_inside_it(tmp_path: Path) -> None:
     (tmp_path / "run1").mkdir()
-    manifest = ReplayManifest(**vars(begun("replay")), sessions=(), estimator=None, window=None)
+    manifest = ReplayManifest(**vars(begin_manifest("replay")), sessions=(), estimator=None, window=None)
     write_json(tmp_path / "run1" / MANIFEST, json_value(manifest))
     write_image(tmp_path / "run1_labels" / "a.png")
     write_label(tmp_path / "run1_labels" / "a.json", SQUARE, image="a.png")

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from rig.experiments.lift_plan import stored_trial
 from rig.experiments.replay import run_replay
-from rig.frames.estimates import estimate_series, figures, zeroed
+from rig.frames.estimates import apply_zero, estimate_series, figures
 from rig.frames.series import FrameSeries, TimedFrame
 from rig.frames.times import FrameTime
 from rig.sessions.rows import read_finished_lifts
@@ -59,7 +59,7 @@ def test_frames_of_other_sources_continue_and_the_jumped_frame_is_reported(
         for i, (t, image) in enumerate(zip(times_ns, images, strict=True))
     ]
     series = FrameSeries("drawn", lambda: iter(frames))
-    estimate = zeroed(estimate_series(series, choose_estimator(name, None).make(blank, None)), None)
+    estimate = apply_zero(estimate_series(series, choose_estimator(name, None).make(blank, None)), None)
     assert [sample.jumped for sample in estimate.samples] == [i == 26 for i in range(len(images))]
     assert estimate.samples[26].state is State.LOST
     assert estimate.samples[-1].angle_deg == pytest.approx(16.0, abs=1.5)

@@ -175,7 +175,7 @@ def test_zero_of_a_slow_camera_uses_earlier_frames_but_none_of_the_grasp(scene):
         lift.see(16.0)
     lift.truth.set_zero(lift.time_ns - 5 * FRAME_NS, lift.time_ns, earliest_ns=rest_ns)
     whole = lift.truth.series()
-    since = whole.picked(whole.time_ns >= lift.truth.rests_from_ns)
+    since = whole.select(whole.time_ns >= lift.truth.rests_from_ns)
     assert len(since) == 10
     assert abs(since.angle_deg.mean()) < 1e-9
     late_ns = lift.time_ns - 5 * FRAME_NS

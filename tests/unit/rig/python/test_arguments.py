@@ -138,7 +138,7 @@ ENTRIES: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
     "Angles.of one sample": (of_one, {"time_ns": 5, "state": SAMPLE.state, "angle_deg": 1.0,
         "sigma_deg": 1.0, "contact_area_px": 9.0}),
     "Angles.between": (ANGLES.between, {"from_ns": 0, "until_ns": 10**8}),
-    "Angles.picked": (ANGLES.picked, {"which": TIMES > 0.1}),
+    "Angles.picked": (ANGLES.select, {"which": TIMES > 0.1}),
     "Angles.at": (ANGLES.at, {"time_s": 0.1}),
     "Angles.at_ns": (ANGLES.at_ns, {"time_ns": 10**8}),
     "score": (rig.score, {"estimate": ANGLES, "truth": ANGLES}),

@@ -25,7 +25,7 @@ SIGNATURES = {
     "solve_hand_eye": "(base_T_tcp, camera_T_target, setup='eye-to-hand')",
 }
 PARTS = {
-    "Angles": "angle_deg at at_ns between contact_area_px known of picked sigma_deg source states time_ns "
+    "Angles": "angle_deg at at_ns between contact_area_px known of select sigma_deg source states time_ns "
     "time_s to_pandas zero_ns",
     "ArmTrack": "base_T_tcp joints_rad time_s",
     "CameraSolution": "distortion held_out_rms_px matrix reasons rejected rms_px sigma size_px verdict",
@@ -38,7 +38,7 @@ PARTS = {
     "SensorFrame": "image mask time_s",
     "Session": "bench complete estimator folder lifts problems simulated started to_pandas",
     "SlipSample": "angle_deg contact_area_px cost_s disagreement estimated fault jumped rate_deg_s settled "
-    "shift_px shows_contact sigma_deg skipped slip stage_s state time_ns time_s turned unseen_deg "
+    "shift_px shows_contact sigma_deg since_zero skipped slip stage_s state time_ns time_s unseen_deg "
     "without_angle",
     "StreamingEstimator": "check_background set_reference settled slips_s track update update_at",
     "WrenchTrack": "force_n time_s torque_nm",

@@ -55,7 +55,7 @@ def markers_hidden(trial: Trial) -> Trial:
     lifts = []
     for lift in trial.lifts:
         truth = lift.truth
-        seen = truth.picked((truth.time_s < 0.5) | (truth.time_s > 1.2))
+        seen = truth.select((truth.time_s < 0.5) | (truth.time_s > 1.2))
         lifts.append(replace(lift, angles={**lift.angles, MARKERS: seen}))
     return replace(trial, lifts=lifts)
 

@@ -13,7 +13,15 @@ from hypothesis import strategies as st
 from drivers.errors import InputError
 from protocols.reaction import ReactionKind
 from rig.pages.palette import FIRST, SECOND, TRUTH
-from rig.report.compare import ERROR, compare_lifts, compare_page, figure_table, lift_charts, paired, verdict
+from rig.report.compare import (
+    ERROR,
+    compare_figure,
+    compare_lifts,
+    compare_page,
+    figure_table,
+    lift_charts,
+    verdict,
+)
 from rig.report.sides import session_side
 from rig.sessions.records import ErrorSummary, Lift, LiftOutcome, lift_of_table
 
@@ -99,7 +107,7 @@ def test_lifts_without_a_partner_or_an_answer_are_left_out_and_counted() -> None
 @given(st.lists(st.tuples(st.floats(0, 50), st.floats(0, 50)), min_size=2, max_size=8))
 def test_changing_sides_changes_the_sign(errors: list[tuple[float, float]]) -> None:
     pairs = [(row(i, a), row(i, b)) for i, (a, b) in enumerate(errors)]
-    one, other = paired(ERROR, pairs), paired(ERROR, [(b, a) for a, b in pairs])
+    one, other = compare_figure(ERROR, pairs), compare_figure(ERROR, [(b, a) for a, b in pairs])
     assert one is not None
     assert other is not None
     assert one.difference == pytest.approx(-other.difference)

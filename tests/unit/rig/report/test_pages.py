@@ -15,7 +15,7 @@ from drivers.errors import InputError
 from rig.pages.page import asset, environment
 from rig.report import explored
 from rig.report.charts import angle_range, before_lift, shown_range, useful_share
-from rig.report.parts import linked
+from rig.report.parts import link_lifts
 from rig.report.recording_page import LABEL_PX, THUMB_PX, montage, read_recording
 from rig.report.session import Trial, read_trial
 from rig.report.strips import FRAMES, moments
@@ -164,7 +164,7 @@ def test_warnings_and_rows_link_to_the_figure_of_their_lift(page: Page, trial: P
     assert {"lift-1", "lift-2"} <= set(page.ids)
     assert page.links.count("#lift-1") >= 1
     anchors = {"knife, lift 1": "lift-1", "knife, lift 12": "lift-12"}
-    text = linked("<b> knife, lift 12 and knife, lift 1, knife, lift 123", anchors)
+    text = link_lifts("<b> knife, lift 12 and knife, lift 1, knife, lift 123", anchors)
     assert text == (
         '&lt;b&gt; <a href="#lift-12">knife, lift 12</a> and <a href="#lift-1">knife, lift 1</a>, '
         "knife, lift 123"

@@ -14,7 +14,7 @@ from drivers.errors import InputError
 from rig.config import load_bench
 from rig.config.models import LimitConfig
 from rig.report.write import write_page
-from rig.results.limits import checked_limits, json_lines, judged, junit_xml, limit_rows, read_limits
+from rig.results.limits import apply_limits, checked_limits, json_lines, junit_xml, limit_rows, read_limits
 from rig.sessions.records import ClockLag, ErrorSummary, Lift, LiftTiming, StageTimes
 from support.command_line import rig
 from support.quick_lifts import quick_lifts
@@ -34,7 +34,7 @@ def rows(lift_row: MakeRow) -> list[Lift]:
 
 
 def verdicts(rows: list[Lift], **limit: object) -> list[tuple[str, float | None, bool]]:
-    found = judged(checked_limits((LimitConfig(**limit),), OBJECTS), rows)
+    found = apply_limits(checked_limits((LimitConfig(**limit),), OBJECTS), rows)
     return [(one.of, one.value, one.met) for one in found]
 
 
@@ -78,9 +78,9 @@ def test_sigma_delay_and_time_per_frame_have_limits(rows: list[Lift]) -> None:
         LimitConfig(figure="lag_s", lower=-0.05, upper=0.05, unit="s"),
         LimitConfig(figure="frame_p99_ms", upper=3.0, unit="ms"),
     )
-    found = judged(checked_limits(limits, OBJECTS), [lift], [timing])
+    found = apply_limits(checked_limits(limits, OBJECTS), [lift], [timing])
     assert [(one.value, one.met) for one in found] == [(0.8, False), (-0.02, True), (4.0, False)]
-    assert not any(one.met for one in judged(limits, [rows[0]])), "a figure without a value misses"
+    assert not any(one.met for one in apply_limits(limits, [rows[0]])), "a figure without a value misses"
 
 
 def test_limit_of_one_object_is_for_its_lifts_only(rows: list[Lift]) -> None:
@@ -149,7 +149,7 @@ def test_invalid_file_is_refused_with_the_key(text: str, words: str, tmp_path: P
 
 def test_verdicts_as_rows_json_lines_and_junit(rows: list[Lift]) -> None:
     limits = checked_limits((LimitConfig(figure="re_mean_deg", upper=1.0, unit="deg"),), OBJECTS)
-    found = judged(limits, rows)
+    found = apply_limits(limits, rows)
     assert limit_rows(found) == [("re_mean_deg", "at most 1 deg", "1 of 3", "wrench, lift 2: 1.5 deg")]
     assert [json.loads(line)["met"] for line in json_lines(found).splitlines()] == [True, False, False]
     suite = ElementTree.fromstring(junit_xml(found, "s"))
@@ -161,7 +161,7 @@ def test_verdicts_as_rows_json_lines_and_junit(rows: list[Lift]) -> None:
 def test_names_that_xml_cannot_contain_are_replaced(rows: list[Lift], tmp_path: Path) -> None:
     limits = checked_limits((LimitConfig(figure="re_mean_deg", upper=1.0),), OBJECTS)
     folder = os.fsdecode(b"M\xfcller \x1b")  # written by a system with Latin-1 names
-    text = junit_xml(judged(limits, rows), folder)
+    text = junit_xml(apply_limits(limits, rows), folder)
     assert ElementTree.fromstring(text.encode()).get("name") == "M\ufffdller \ufffd"
     write_page(tmp_path / "page.html", f"<h1>{folder}</h1>")
     assert (tmp_path / "page.html").read_bytes() == b"<h1>M?ller \x1b</h1>"

@@ -54,7 +54,7 @@ def test_summary_of_a_table_equals_that_of_its_rows(lift_row: MakeRow) -> None:
 def test_empty_or_invalid_cell_is_named(lift_row: MakeRow) -> None:
     line = table(lift_row, 1)[0]
     with pytest.raises(ValueError, match="'session' is missing"):
-        REPLAYS.checked({**line, "session": None})
+        REPLAYS.parse_values({**line, "session": None})
     with pytest.raises(InputError, match="lift 0: answered is empty"):
         summarize_table([{**line, "answered": None}])
 

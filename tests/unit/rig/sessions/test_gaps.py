@@ -12,7 +12,7 @@ from rig.experiments.replay import plan_replays, replay_task, run_replay
 from rig.report.session import find_lift, read_trial
 from rig.report.write import write_report
 from rig.results.listing import SessionState, list_session
-from rig.results.table import measured
+from rig.results.table import has_figures
 from rig.sessions.manifest import TrialManifest, read_manifest_of
 from rig.sessions.recording_file import recorded_messages, recording_gaps
 from rig.sessions.rows import read_finished_lifts
@@ -103,7 +103,7 @@ def test_table_of_many_sessions_has_the_figures_and_the_gap(trial: Path, damaged
     whole, partly = (replay_task(task) for task in plan.tasks)
     assert whole["problem"] is None
     assert f"chunk {damaged_chunk} of " in str(partly["problem"])
-    assert measured(partly)
+    assert has_figures(partly)
     assert partly["final_estimate_deg"] is not None
 
 

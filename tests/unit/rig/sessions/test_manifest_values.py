@@ -17,7 +17,7 @@ from rig.sessions.manifest import (
     RecordManifest,
     ReplayManifest,
     TrialManifest,
-    begun,
+    begin_manifest,
     read_manifest,
 )
 
@@ -58,7 +58,10 @@ def with_value(manifest: Any, place: Place, value: Any) -> Any:
 
 def replayed() -> ReplayManifest:
     return ReplayManifest(
-        **{**vars(begun("replay")), "kind": "replay"}, sessions=("first",), estimator="slip", window=2
+        **{**vars(begin_manifest("replay")), "kind": "replay"},
+        sessions=("first",),
+        estimator="slip",
+        window=2,
     )
 
 

@@ -137,8 +137,8 @@ def test_compressed_recordings_are_read_and_bombs_are_rejected_before_unpacking(
     assert [(data, time_ns) for _, time_ns, _, data in read] == messages
     check_recording(tmp_path / "packed.mcap")
     most: list[int] = []
-    unpacked = recording_file._unpacked
-    monkeypatch.setattr(recording_file, "_unpacked", lambda c: most.append(len(d := unpacked(c))) or d)
+    unpacked = recording_file._decompress
+    monkeypatch.setattr(recording_file, "_decompress", lambda c: most.append(len(d := unpacked(c))) or d)
     path = tmp_path / "bomb.mcap"
     data = written([(bytes(2_000_000), 1)] * 40, packed, chunk=100_000_000)
     assert len(data) < 400_000

@@ -36,19 +36,19 @@ POSE = PoseRow(
 def test_written_rows_are_read_back_unchanged(lift_row: MakeRow) -> None:
     whole = lift_row(3, re=None, onset_truth_s=None)
     for row in (whole, lift_row(3, fault="lost")):
-        assert LIFTS.parsed(json_line(row)) == row
-    assert POSES.parsed(json_line(POSE)) == POSE
+        assert LIFTS.parse(json_line(row)) == row
+    assert POSES.parse(json_line(POSE)) == POSE
     timing = LiftTiming(number=1, attempt=0, wall_s=2.0, stages={"total": StageTimes(1.0, 2.0, 3.0)})
     late = replace(timing, capture_to_angle={"D1": LatencyTimes(1.0, 2.0, 3.0, 4.0)})
-    assert [LIFT_TIMINGS.parsed(json_line(t)) for t in (timing, late)] == [timing, late]
+    assert [LIFT_TIMINGS.parse(json_line(t)) for t in (timing, late)] == [timing, late]
 
 
 @given(st.floats(allow_nan=False, allow_infinity=False), st.floats(allow_nan=False, allow_infinity=False))
 def test_every_number_is_read_back_bit_for_bit(one: float, other: float) -> None:
     row = replace(POSE, orientation_deg=other)
-    assert POSES.parsed(json_line(row)) == row
+    assert POSES.parse(json_line(row)) == row
     timing = LiftTiming(number=1, attempt=0, wall_s=one, stages={})
-    assert LIFT_TIMINGS.parsed(json_line(timing)) == timing
+    assert LIFT_TIMINGS.parse(json_line(timing)) == timing
 
 
 def test_optional_keys_are_absent_at_their_default(lift_row: MakeRow) -> None:

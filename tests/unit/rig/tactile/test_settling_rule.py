@@ -119,10 +119,10 @@ def test_selected_samples_keep_all_columns() -> None:
 def test_rotation_since_a_zero_has_the_objects_sign() -> None:
     zero = SlipSample(0, State.TRACKING, 1.0, 0.5, unseen_deg=0.4)
     sample = SlipSample(1, State.TRACKING, 4.0, 0.5, unseen_deg=0.4, rate_deg_s=2.0)
-    turned = sample.turned(-1, 1.0, zero)
+    turned = sample.since_zero(-1, 1.0, zero)
     assert (turned.angle_deg, turned.rate_deg_s) == (-3.0, -2.0)
     assert turned.sigma_deg == pytest.approx(0.3), "rotations before both cancel"
-    assert sample.turned(1, None, None).angle_deg is None
+    assert sample.since_zero(1, None, None).angle_deg is None
 
 
 @pytest.mark.parametrize("zero_ns", [0, LATE_NS])

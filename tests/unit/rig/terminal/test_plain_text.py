@@ -9,7 +9,7 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
-from rig.terminal.screen import PlainStream, plain, set_aside, shown
+from rig.terminal.screen import PlainStream, plain, set_aside, show_display
 from rig.terminal.tables import PlainConsole
 
 
@@ -49,7 +49,7 @@ def test_print_beside_a_display_is_shown_plainly(monkeypatch: pytest.MonkeyPatch
         monkeypatch.setattr(sys, name, PlainStream(stream))
     before = sys.stdout, sys.stderr
     console = PlainConsole(stderr=True, force_terminal=True, width=80)
-    with shown(Live("the display", console=console, auto_refresh=False)):
+    with show_display(Live("the display", console=console, auto_refresh=False)):
         print("one\x1b[8m two\x1b]8;;file:///etc\x07", file=sys.stderr)
         with set_aside():
             print("question\x9b", file=sys.stderr)

@@ -41,14 +41,14 @@ def test_marks_are_filled_and_other_pixels_unchanged() -> None:
     slope = np.repeat(np.linspace(0, 1, FINE[0], dtype=np.float32)[None, :, None], FINE[1], 0).repeat(3, 2)
     spoilt, marked = slope.copy(), found_marks(background, FINE) > 0
     spoilt[marked] = 9.0
-    mended = GelMarks(found_marks(background, FINE), FINE).mended(spoilt)
+    mended = GelMarks(found_marks(background, FINE), FINE).fill(spoilt)
     assert mended[marked] == pytest.approx(slope[marked], abs=2e-3)
     np.testing.assert_array_equal(mended[~marked], slope[~marked])
 
 
 def test_gel_without_marks_is_unchanged() -> None:
     difference = np.zeros((FINE[1], FINE[0], 3), np.float32)
-    assert GelMarks(found_marks(drawn_press(None), FINE), FINE).mended(difference) is difference
+    assert GelMarks(found_marks(drawn_press(None), FINE), FINE).fill(difference) is difference
 
 
 TOUCH_S, TURNED_S = 3.0, 8.0
@@ -142,13 +142,13 @@ def test_what_an_object_leaves_on_the_gel_is_no_contact() -> None:
 
 def difference(image: Image, background: Image) -> np.ndarray:
     light = RelativeDifference(background, FINE)
-    return light.of(light.reduced(image))
+    return light.of(light.reduce(image))
 
 
 def judge(marks: LaterMarks, image: Image, background: Image, time_ns: int) -> Verdict:
     """Judge a frame as the estimator does, whose first work copy has no marks filled."""
     light = RelativeDifference(background, (60, 80))
-    region = find_contact(light.of(light.reduced(image)))
+    region = find_contact(light.of(light.reduce(image)))
     return marks.judge(lambda: difference(image, background), region, time_ns)
 
 
@@ -212,4 +212,4 @@ def test_saturated_pixels_are_no_contact() -> None:
     dark[100:220, 60:180] = 160
     light = RelativeDifference(dark, work_size(dark.shape, 1.0))
     bright = np.clip(2.0 * dark.astype(np.float32), 0, 255).astype(np.uint8)
-    assert find_contact(light.of(light.reduced(bright))) is None
+    assert find_contact(light.of(light.reduce(bright))) is None

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from numpy.typing import NDArray
 
-from rig.tactile.paper.axis import METHODS, AxisMethod, largest_contour, thinned, wrapped
+from rig.tactile.paper.axis import METHODS, AxisMethod, largest_contour, thin, wrap
 from rig.tactile.paper.published import ANGLES, ScriptError, skeleton_angle
 
 EACH_METHOD = pytest.mark.parametrize("method", METHODS.values(), ids=METHODS.keys())
@@ -37,14 +37,14 @@ def test_ellipse_angle_is_counter_clockwise_as_seen(
     method: AxisMethod, angle_deg: float, long_px: float, short_px: float
 ) -> None:
     axis = method(outline(angle_deg, (long_px, short_px)))
-    assert abs(wrapped(axis.angle_deg - angle_deg)) < TOLERANCE_DEG[method.__name__]
+    assert abs(wrap(axis.angle_deg - angle_deg)) < TOLERANCE_DEG[method.__name__]
     assert -90 < axis.angle_deg <= 90
 
 
 @EACH_METHOD
 def test_ellipse_half_outside_the_image_keeps_its_axis(method: AxisMethod) -> None:
     axis = method(outline(-35, (90, 30), center=(-20.3, 5.8)))
-    assert abs(wrapped(axis.angle_deg + 35)) < TOLERANCE_DEG[method.__name__]
+    assert abs(wrap(axis.angle_deg + 35)) < TOLERANCE_DEG[method.__name__]
 
 
 @EACH_METHOD
@@ -99,7 +99,7 @@ def test_thinning_matches_opencv_across_the_border(
 ) -> None:
     mask = np.zeros((320, 256), np.uint8)
     cv2.ellipse(mask, (center, axes, angle_deg), 255, -1)
-    assert np.array_equal(thinned(mask), reference(mask))
+    assert np.array_equal(thin(mask), reference(mask))
 
 
 def authors_mask(real_data: Path, name: str) -> NDArray[np.uint8]:

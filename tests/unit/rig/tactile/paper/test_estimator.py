@@ -12,7 +12,7 @@ from drivers.errors import InputError
 from drivers.images import read_image
 from rig.tactile.contact.background import auto_background
 from rig.tactile.estimators import DEFAULT_ESTIMATOR, ECC, ESTIMATORS, PEERS, PUBLISHED, choose_estimator
-from rig.tactile.paper.axis import METHODS, ellipse_axis, largest_contour, wrapped
+from rig.tactile.paper.axis import METHODS, ellipse_axis, largest_contour, wrap
 from rig.tactile.sample import SlipSample, State, TactileEstimator
 
 Image = NDArray[np.uint8]
@@ -161,7 +161,7 @@ def test_long_contacts_have_the_labelled_axis(
     )
     assert sample.state is State.TRACKING
     # The skeleton of the widest of them leans by some 6 degrees.
-    assert abs(wrapped(sample.angle_deg - truth.angle_deg)) < (9 if name == "skeleton" else 4)
+    assert abs(wrap(sample.angle_deg - truth.angle_deg)) < (9 if name == "skeleton" else 4)
 
 
 @pytest.mark.parametrize("name", METHODS)
@@ -180,4 +180,4 @@ def test_the_papers_own_frame_is_a_contact_with_an_axis(figures: Path, backgroun
     sample = choose_estimator("ellipse").make(fitting).update(image, 0)
     assert sample.state is State.TRACKING
     # The authors' mask unstretched gives -88.05; ours, from a background of reduced frames, leans.
-    assert abs(wrapped((sample.angle_deg or 0.0) + 88.05)) < 20
+    assert abs(wrap((sample.angle_deg or 0.0) + 88.05)) < 20

@@ -97,7 +97,7 @@ def test_known_rotation_and_shift_are_found_in_all_readings(turn: float, shift: 
 @given(turn=st.floats(-40.0, 40.0), shift=shifts)
 def test_search_by_curvature_ends_within_a_step_of_the_grid(turn: float, shift: complex) -> None:
     aligner = aligner_on(turn, shift, reading_of(ALIGNMENT.slopes_share), [KEY])
-    found, true = aligner.sought(AT_START, 5, 2), moved(turn, shift)
+    found, true = aligner.search_grid(AT_START, 5, 2), moved(turn, shift)
     assert abs(found.angle_rad - true.angle_rad) < GRID_RAD
     assert abs(found.point_px - true.point_px) < 2.0 * GRID_PX
     assert_found(aligner.both([found]), turn, shift)

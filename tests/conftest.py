@@ -18,7 +18,7 @@ from hypothesis import HealthCheck, settings
 from hypothesis.internal.charmap import charmap
 from markupsafe import Markup
 
-from end_to_end import is_end_to_end
+from end_to_end import is_end_to_end, is_heavy
 from rig.config import BenchConfig
 from rig.config.write import write_bench
 from rig.experiments.lift_plan import TrialSettings
@@ -87,7 +87,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     if config.getoption("--all"):
         return
     named = any("::" in argument for argument in config.args)
-    chosen = [item for item in items if named or is_end_to_end(item) or not item.get_closest_marker("heavy")]
+    chosen = [item for item in items if named or is_end_to_end(item) or not is_heavy(item)]
     config.hook.pytest_deselected(items=[item for item in items if item not in set(chosen)])
     items[:] = chosen
 

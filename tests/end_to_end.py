@@ -5,6 +5,8 @@ The other tests of a plain run take less than a second of CPU time (limit: `supp
 
 import pytest
 
+from support.browser import NEEDS_CHROMIUM
+
 END_TO_END = {
     "tests/cli/test_calibrate.py": (
         "test_bench_is_calibrated_and_its_samples_give_the_same_file_again[camera]",
@@ -75,3 +77,9 @@ def is_end_to_end(item: pytest.Item) -> bool:
     file, _, test = item.nodeid.partition("::")
     name = test.partition("@")[0]
     return not {name, name.partition("[")[0]}.isdisjoint(END_TO_END.get(file, ()))
+
+
+def is_heavy(item: pytest.Item) -> bool:
+    """Whether a test is marked 'heavy' or needs a browser, which alone takes seconds."""
+    marks = list(item.iter_markers())
+    return NEEDS_CHROMIUM.mark in marks or any(mark.name == "heavy" for mark in marks)

@@ -42,7 +42,7 @@ def read_camera(path: Path, serial: str | None = None) -> CameraModel:
     """
     content = read_yaml(path)
     if "calibration" in content:
-        return calibrated(load(path, "camera", None if serial is None else {"camera": serial}), str(path))
+        return camera_of(load(path, "camera", None if serial is None else {"camera": serial}), str(path))
     if serial is not None and content.get("camera_name") not in (None, serial):
         check_serials(path, {"camera": str(content["camera_name"])}, {"camera": serial})
     return replace(camera_from(content, str(path)), uncertainty=unknown_uncertainty(path.name))

@@ -96,7 +96,7 @@ class ControlCommands:
         return self._control.moveL(pose, speed_m_s, acceleration_m_s2, True), before
 
     def operation(self) -> tuple[int, bool, str]:
-        """Return number and running of the newest operation, and why the heartbeat ended it, as `halt_reason`."""
+        """Return number and running of the newest operation, and the `halt_reason` of the heartbeat."""
         status = self._control.getAsyncOperationProgressEx()
         return status.operationId(), status.isAsyncOperationRunning(), self.heartbeat.halted
 

@@ -144,9 +144,7 @@ class Lift:
         'Outcome of the lift: "slipped", "held", "fallen", or after a reaction to slip "caught".',
     )
     simulated: bool = _stored_value("_row.simulated", "Whether the bench was a simulated one.")
-    answered: float = _stored_value(
-        "_row.answered", "Fraction of the frames in phases B and C that have an angle."
-    )
+    answered: float = _stored_value("_row.answered", "Share of the frames in phases B and C with an angle.")
     estimate: Angles = _stored_value("_read.estimate", "Fused angle of both fingertips.")
     truth: Angles = _stored_value(
         "_read.truth", "Ground truth from the markers, at the times of the camera frames."

@@ -7,7 +7,7 @@ from collections.abc import Generator
 import pytest
 from _pytest.runner import runtestprotocol
 
-from end_to_end import is_end_to_end
+from end_to_end import is_end_to_end, is_heavy
 
 LIMIT_S = 2.0
 """CPU time of a test and its child processes on the reference computer, s."""
@@ -39,7 +39,7 @@ def pytest_runtest_protocol(item: pytest.Item, nextitem: pytest.Item | None) -> 
 
     The first run in a process also makes everything that the process keeps: imports, tables and caches.
     """
-    if item.config.getoption("--all") or is_end_to_end(item) or item.get_closest_marker("heavy"):
+    if item.config.getoption("--all") or is_end_to_end(item) or is_heavy(item):
         return None
     item.ihook.pytest_runtest_logstart(nodeid=item.nodeid, location=item.location)
     reports, took_s = _run(item, nextitem)

@@ -147,12 +147,12 @@ def test_error_on_held_out_views_uses_cameras_fitted_without_them(monkeypatch: p
         fitted.append(seen)
         return SimpleNamespace(camera=seen)
 
-    def missed(camera: list[View], view: View) -> np.ndarray:
+    def squared_distances(camera: list[View], view: View) -> np.ndarray:
         assert not any(one is view for one in camera)
         return np.ones(4)
 
     monkeypatch.setattr("calibration.camera.intrinsics.fit_camera", fit)
-    monkeypatch.setattr("calibration.camera.intrinsics._missed", missed)
+    monkeypatch.setattr("calibration.camera.intrinsics._squared_distances", squared_distances)
     assert held_out_error(every, LENS_MODELS[0]) == 1.0
     assert [len(seen) for seen in fitted] == [8] * 5
 

@@ -34,6 +34,12 @@ def begin_work(name: str) -> None:
         display.begin(name)
 
 
+def name_work(name: str) -> None:
+    """Name the work whose steps are counted from now on, on a display only."""
+    if _display is not None:
+        _display.begin(name)
+
+
 def count_steps(done: int, total: int | None) -> None:
     """Report the number of finished steps, and of all steps if it is known."""
     display = _display

@@ -12,7 +12,6 @@ from pydantic import (
     BaseModel,
     ConfigDict,
     Field,
-    ValidationError,
     ValidationInfo,
     field_validator,
 )
@@ -143,15 +142,10 @@ class GraspPose:
 
 @cache
 def load_grasp_files() -> dict[str, GraspFile]:
-    """Read the package's object files, by id. Raises `InputError` naming the invalid file and key."""
+    """Read the package's object files, by id."""
     files = {}
     for path in sorted(OBJECTS_FOLDER.glob("*.toml")):
-        try:
-            grasp_file = GraspFile.model_validate(read_toml(path))
-        except ValidationError as error:
-            first = error.errors()[0]
-            where = ".".join(str(part) for part in first["loc"])
-            raise InputError(f"{path}: {where}: {first['msg']}") from error
+        grasp_file = GraspFile.model_validate(read_toml(path))
         files[grasp_file.id] = grasp_file
     return files
 

@@ -381,7 +381,7 @@ class MarkerReport:
     corners_px: (M, 2, 4, 2), of the pictures after the reference in which both markers were found.
     drift_deg: change from the first to the last quarter. refused: number of pictures by reason.
     plane_sigma_deg, camera_sigma_deg: uncertainty of a rotation by `TURN_DEG` from the reference corners and
-    from the camera.
+    from the camera; the latter is None without a camera, whose lens and angle of view are then unknown.
     """
 
     assessment: Assessment
@@ -392,11 +392,12 @@ class MarkerReport:
     drift_deg: float
     refused: dict[str, int]
     plane_sigma_deg: float
-    camera_sigma_deg: float
+    camera_sigma_deg: float | None
 
 
 TURN_DEG = 30.0
 """Rotation for which the uncertainty is stated, as large as a slip; it grows with the rotation."""
+NO_CAMERA = "the effect of the lens and of a tilt is unknown without intrinsics (--camera)"
 
 
 def assess_markers(pictures: Sequence[Image], angle: MarkerAngle) -> MarkerReport:
@@ -423,7 +424,9 @@ def assess_markers(pictures: Sequence[Image], angle: MarkerAngle) -> MarkerRepor
     drift = float(rest[-quarter:].mean() - rest[:quarter].mean())
     sigma = float(rest.std(ddof=1))
     parts = turn_sigma_deg(plane, TURN_DEG)
-    doubts = rests_on("camera", () if plane.camera is None else plane.camera.doubts)
+    doubts = Assessment(doubts=(NO_CAMERA,))
+    if plane.camera is not None:
+        doubts = rests_on("camera", plane.camera.doubts)
     plane_deg, camera_deg = parts
     cause = (
         f"{camera_deg:.3f} of it from the camera's intrinsics: calibrate it again, with tilted, nearer views"
@@ -443,4 +446,7 @@ def assess_markers(pictures: Sequence[Image], angle: MarkerAngle) -> MarkerRepor
          f"a rotation of {TURN_DEG:.0f} degrees is known only to {{value:.3f}} degrees, {cause}"),
     )  # fmt: skip
     corners = np.array([found for found in seen if not isinstance(found, Refusal)])
-    return MarkerReport(assessment + doubts, plane, rest, corners, sigma, drift, refused, *parts)
+    of_camera = None if plane.camera is None else camera_deg
+    return MarkerReport(
+        assessment + doubts, plane, rest, corners, sigma, drift, refused, plane_deg, of_camera
+    )

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from textwrap import wrap
 
 import numpy as np
 
@@ -11,11 +12,16 @@ from drivers.types import Pose
 from rig.bench.assembly import TOOL_DOWN
 from rig.config import BenchConfig
 from rig.config.devices import OwnArmConfig
+from rig.config.models import TABLE
 
 ARM_REACH_M = 0.85
 """Reach of a UR5e from its shoulder to the flange (data sheet)."""
 SHOULDER_M = (0.0, 0.0, 0.1625)
 """Shoulder of a UR5e in the base frame (data sheet)."""
+_SMALL_M, _SMALL_DEG = 0.0005, 0.05
+"""Heights and turns that would be printed as 0 are left out."""
+LINE_WIDTH = 100
+"""Most characters in a printed line."""
 UNGUARDED = (
     "WARNING: the arm has no force sensor (force_sensor = false). Its way down is NOT GUARDED: it does "
     "not stop if the hand meets an obstacle. Keep a hand on the emergency stop."
@@ -26,7 +32,7 @@ UNGUARDED = (
 class PlannedMotion:
     """One target of the hand: the path `way` ends there, or leads through it, straight from pose to pose.
 
-    what: for people, such as "t1/1 wrench, 5 steps past contact". base_T_tcp: pose at which the fingers
+    what: for people, such as "t1/1 wrench, grip 1.9 mm". base_T_tcp: pose at which the fingers
     close, or the picture is taken. speed_m_s: highest speed on the path.
     """
 
@@ -44,8 +50,13 @@ class Plan:
     refused: tuple[str, ...] = ()
 
     def text(self) -> str:
+        """Return the plan as printed, in lines of at most `LINE_WIDTH` characters."""
         refused = [f"  WOULD BE REFUSED: {reason}" for reason in self.refused]
-        return "\n".join([*self.lines, *refused])
+        folded = (
+            wrap(line, LINE_WIDTH, subsequent_indent="      ", break_long_words=False, break_on_hyphens=False)
+            for line in (*self.lines, *refused)
+        )
+        return "\n".join(part for parts in folded for part in parts)
 
 
 def make_plan(config: BenchConfig, head: Sequence[str], motions: Sequence[PlannedMotion]) -> Plan:
@@ -55,7 +66,9 @@ def make_plan(config: BenchConfig, head: Sequence[str], motions: Sequence[Planne
     """
     lines = [*head, *(f"  {_line(config, motion)}" for motion in motions)]
     if motions:
-        lines += _limits(config)
+        reach_m = max(_reach_m(config, motion) for motion in motions)
+        speed_m_s = max(motion.speed_m_s for motion in motions)
+        lines += [f"Fastest motion: {speed_m_s:.3f} m/s. Farthest reach: {reach_m:.2f} m.", *_limits(config)]
     if config.arm is not None and not config.arm.force_sensor:
         lines.append(UNGUARDED)
     refused = (_refusal(config, motion) for motion in motions)
@@ -65,12 +78,19 @@ def make_plan(config: BenchConfig, head: Sequence[str], motions: Sequence[Planne
 def _line(config: BenchConfig, motion: PlannedMotion) -> str:
     x, y, z = motion.base_T_tcp.position_m
     height_m = z - config.require("table").position_m[2]
-    tilt = (motion.base_T_tcp.rotation * TOOL_DOWN.inv()).as_rotvec(degrees=True)
-    turns = ", ".join(f"{angle:+.1f}" for angle in tilt)
-    return (
-        f"{motion.what}: ({x:.3f}, {y:.3f}, {z:.3f}) m, {1e3 * height_m:.0f} mm over the mark, hand turned "
-        f"by ({turns}) deg, up to {motion.speed_m_s:.3f} m/s, reach {_reach_m(config, motion):.2f} m"
-    )
+    over = f", {1e3 * height_m:.0f} mm over the mark" if abs(height_m) >= _SMALL_M else ""
+    return f"{motion.what}: ({x:.3f}, {y:.3f}, {z:.3f}) m{over}{_turn(motion.base_T_tcp)}"
+
+
+def _turn(base_T_tcp: Pose) -> str:  # noqa: N803 - frame names keep their case
+    """Return how the hand is turned from pointing straight down; "" if it is not."""
+    turns = (base_T_tcp.rotation * TOOL_DOWN.inv()).as_rotvec(degrees=True)
+    about = {axis: f"{turn:+.1f}" for axis, turn in zip("xyz", turns, strict=True) if abs(turn) >= _SMALL_DEG}
+    if not about:
+        return ""
+    if len(about) == 1:
+        return "".join(f", turned {turn} deg about {axis}" for axis, turn in about.items())
+    return f", turned ({', '.join(f'{turn:+.1f}' for turn in turns)}) deg"
 
 
 def _reach_m(config: BenchConfig, motion: PlannedMotion) -> float:
@@ -83,15 +103,21 @@ def _limits(config: BenchConfig) -> list[str]:
     arm, fingers = config.arm_limits(), config.gripper_spec()
     joints = config.require("arm").limits
     reach = "" if isinstance(config.arm, OwnArmConfig) else f"reach {ARM_REACH_M:g} m, "
-    boxes = [f"{b.name} {position_text(b.min_m)} to {position_text(b.max_m)} m" for b in arm.keep_out]
+    table = [f"above the table (z > {1e3 * b.max_m[2]:.0f} mm)" for b in arm.keep_out if b.name == TABLE]
+    boxes = [
+        f"outside {b.name}, {position_text(b.min_m)} to {position_text(b.max_m)} m"
+        for b in arm.keep_out
+        if b.name != TABLE
+    ]
+    hand = f" (the hand can {1e3 * fingers.stroke_m:.0f})" if fingers.stroke_m > fingers.open_m else ""
     force = "no force limit" if arm.max_contact_force_n is None else f"{arm.max_contact_force_n:g} N"
     return [
-        f"Limits: workspace {position_text(arm.workspace_min_m)} to {position_text(arm.workspace_max_m)} m, "
-        f"{arm.max_speed_m_s:g} m/s, {arm.max_acceleration_m_s2:g} m/s2, {force} on "
-        f"the way down, {reach}joints {_angles(joints.joint_min_deg)} to "
-        f"{_angles(joints.joint_max_deg)} deg, fingers open {1e3 * fingers.open_m:.0f} mm, closing by "
-        f"{1e3 * fingers.stroke_m:.0f} mm in steps of {1e3 * fingers.resolution_m:.2f} mm.",
-        f"The hand is kept out of: {'; '.join(boxes) or 'nothing'}.",
+        f"Limits: workspace {position_text(arm.workspace_min_m)} to {position_text(arm.workspace_max_m)} m,",
+        f"  {arm.max_speed_m_s:g} m/s, {arm.max_acceleration_m_s2:g} m/s2, {force} on the way down, {reach}"
+        f"joints {_angles(joints.joint_min_deg)} to {_angles(joints.joint_max_deg)} deg,",
+        f"  fingers open to {1e3 * fingers.open_m:.0f} mm{hand}, and close in steps of "
+        f"{1e3 * fingers.resolution_m:.2f} mm,",
+        f"  free space: {'; '.join([*table, *boxes]) or 'the whole workspace'}.",
     ]
 
 

@@ -58,6 +58,8 @@ from rig.config import BenchConfig
 from rig.config.devices import FakeArmLimits
 from rig.declared import option
 
+UNKNOWN = "unknown without intrinsics (--camera)"
+
 _CANDIDATES = 400
 _NEAREST_M, _TILTS_DEG, _INSIDE_M = 0.25, (10.0, 40.0), 0.01
 _HELD_M = (0.0, 0.0, -0.03)
@@ -243,23 +245,24 @@ def _assess_pictures(folder: Path, options: MarkersOptions, camera: CameraModel 
     tracker = MarkerTracker(options.ids, options.dictionary)
     report = assess_markers(pictures, MarkerAngle(tracker, camera))
     plane = report.plane
-    turn_sigma_deg = float(np.hypot(report.plane_sigma_deg, report.camera_sigma_deg))
     of_turn = f"a turn of {TURN_DEG:.0f} degrees"
     tilt = Figure("tilt_deg", plane.tilt_deg, "tilt to the camera", ".1f", "degrees", top=True)
+    turn = Figure("", UNKNOWN, f"{of_turn}, one sigma")
+    of_camera = Figure("", UNKNOWN, f"{of_turn}, due to the camera")
+    if report.camera_sigma_deg is not None:
+        both_deg = float(np.hypot(report.plane_sigma_deg, report.camera_sigma_deg))
+        turn = Figure("turn_sigma_deg", both_deg, turn.label, ".4f", "degrees", top=True)
+        of_camera = Figure(
+            "turn_sigma_camera_deg", report.camera_sigma_deg, of_camera.label, ".4f", "degrees"
+        )
     if plane.tilt_deg is None:
-        tilt = Figure("", "unknown without intrinsics (--camera)", tilt.label)
+        tilt = Figure("", UNKNOWN, tilt.label)
     figures = [
         Figure("side_px", plane.side_px, "side", ".1f", "px", top=True),
         tilt,
         Figure("angle_sigma_deg", report.sigma_deg, "angle at rest, one sigma", ".4f", "degrees", top=True),
-        Figure("turn_sigma_deg", turn_sigma_deg, f"{of_turn}, one sigma", ".4f", "degrees", top=True),
-        Figure(
-            "turn_sigma_camera_deg",
-            report.camera_sigma_deg,
-            f"{of_turn}, due to the camera",
-            ".4f",
-            "degrees",
-        ),
+        turn,
+        of_camera,
         Figure("square_fit_px", plane.fit_px),
         Figure("drift_deg", report.drift_deg, "drift", "+.4f", "degrees"),
         Figure("refused_pictures", report.refused, "pictures without an angle"),

@@ -4,7 +4,8 @@ On a bench an object with markers is moved. The arm wiggles it and is the refere
 turns it by hand, and the camera is.
 """
 
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import cv2
@@ -12,11 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.markers.tracker import MarkerTracker
-from calibration.store import read_yaml
+from calibration.store import read_yaml, write_bytes
 from calibration.targets.aruco import Refusal
 from calibration.time_offset import time_offset
 from drivers.clock import NS_PER_S
 from drivers.errors import CalibrationError, InputError, plural
+from drivers.formats import read_text
 from drivers.interfaces import Arm
 from drivers.progress import steps
 from drivers.types import ArmState, Frame
@@ -34,8 +36,12 @@ from rig.declared import option
 
 ARM = "arm"
 """The stream whose clock is the reference."""
+REFERENCE_FILE = "reference.txt"
+"""File in the folder of recorded streams with the name of the reference stream."""
+_KNOWN_REFERENCES = ("robot", ARM)
 _HEIGHTS_M = (0.002, 0.014)
 _SPEEDS_M_S = (0.02, 0.09)
+_LONGEST_NAME = 1000
 _STROKES = 36
 _SMALL = (24, 32)
 MOST_LAG_S, LAG_STEP_S = 0.5, 0.01
@@ -53,19 +59,23 @@ class SyncOptions:
     fingertip, nothing moves: you press the object onto the gel and turn it to and fro by hand, and the
     offsets of the fingertips from the camera's clock are estimated.
 
-    The folder of --from holds <name>.csv for both streams. The columns are time_ns (or t_s) and value, any
-    quantity that changes with the motion. Its unit does not matter and may differ between the streams, since
-    only the time offset is estimated. Long, fast and irregular motions give the best results. Instead of
-    value the columns may be an orientation, qx, qy, qz, qw. Then the turning speeds are compared, which
-    are equal for two sensors on one rigid body.
+    The folder of --from holds <name>.csv for each stream. By default each stream is compared with the
+    reference: the one named in reference.txt, as the rig writes it, otherwise robot or arm. The columns are
+    time_ns (or t_s) and value, any quantity that changes with the motion. Its unit does not matter and may
+    differ between the streams, since only the time offset is estimated. Long, fast and irregular motions
+    give the best results. Instead of value the columns may be an orientation, qx, qy, qz, qw. Then the
+    turning speeds are compared, which are equal for two sensors on one rigid body.
 
     Examples:
       rig calibrate sync --bench fake
+      rig calibrate sync --from calibrations/sync-samples
       rig calibrate sync --from wiggle --reference robot --stream camera
     """
 
-    first: str = option("robot", "Stream whose clock is the reference.", "--reference")
-    second: str = option("camera", "Stream whose offset from the reference is estimated.", "--stream")
+    first: str | None = option(None, "With --from: stream whose clock is the reference.", "--reference")
+    second: str | None = option(
+        None, "With --from: stream whose offset is estimated. Default: all others.", "--stream"
+    )
     search: float = option(0.5, "Largest offset to search for, s.", min=0.01, max=10)
     object_name: str = option(
         "gauge:30", "On a bench: object with the markers, or gauge:WIDTH for a block (mm).", "--object"
@@ -73,12 +83,45 @@ class SyncOptions:
     objects: ObjectsFolder = None
 
 
-def solve_sync(samples: Samples, options: SyncOptions) -> CalibrationResult:
-    """Find the offset of two CSV files of one motion, `<name>.csv` with time_ns (or t_s) and value."""
-    folder, first, second = samples.folder, options.first, options.second
+def solve_streams(samples: Samples, options: SyncOptions) -> list[CalibrationResult]:
+    """Return the offset of each chosen stream of a folder from its reference. Raises `InputError`."""
+    folder = samples.folder
+    names = sorted(path.stem for path in folder.glob("*.csv"))
+    first = options.first or _stored_reference(folder, names)
+    seconds = [options.second] if options.second else [name for name in names if name != first]
+    missing = next((f"{folder / name}.csv" for name in (first, *seconds) if name not in names), None)
+    if missing or not seconds:
+        problem = f"there is no {missing}" if missing else f"{folder}: there is no stream beside {first}"
+        raise InputError(f"{problem}: {_list_streams(names)}")
+    return [solve_pair(folder, first, second, options.search) for second in seconds]
+
+
+def _stored_reference(folder: Path, names: Sequence[str]) -> str:
+    """Return the name of the reference stream of a folder. Raises `InputError` if it is unknown."""
+    stored = folder / REFERENCE_FILE
+    if stored.is_file():
+        return read_text(stored, _LONGEST_NAME).strip()
+    found = next((name for name in _KNOWN_REFERENCES if name in names), None)
+    if found is None:
+        raise InputError(f"{folder}: which stream is the reference? {_list_streams(names)}")
+    return found
+
+
+def _list_streams(names: Sequence[str]) -> str:
+    found = (
+        f"this folder has {', '.join(f'{name}.csv' for name in names[:6])}" if names else "it has no CSV file"
+    )
+    return f"{found}; give --reference and --stream (names without .csv)"
+
+
+def solve_pair(folder: Path, first: str, second: str, search_s: float = 0.5) -> CalibrationResult:
+    """Find the offset of two CSV files of one motion, `<name>.csv` with time_ns (or t_s) and value.
+
+    first, second: names of the reference and of the other stream. search_s: largest offset.
+    """
     paths = [folder / f"{name}.csv" for name in (first, second)]
     one, other = (read_stream(path) for path in paths)
-    found = time_offset(one, other, options.search)
+    found = time_offset(one, other, search_s)
     layout, pictures = {}, []
     figures = [
         Figure("add_to_stream_s", found.offset_s, "to add to the stream", ".3f", "ms", 1e3,
@@ -106,9 +149,10 @@ def collect_streams(station: Station, options: SyncOptions) -> list[CalibrationR
     Raises `OperatorStopError` unless the operator agrees, `DeviceError`, `InputError`.
     """
     station = station.with_objects(options.objects)
-    config, raw = station.config, station.raw("sync")
+    config = station.config
     touch = _touch(config, options.object_name)
     camera, tips = config.require("camera"), tuple(t.serial for t in config.tactile)
+    raw = station.raw("sync", camera.serial, *tips)
     tracker = MarkerTracker(camera.marker_ids, camera.marker_dictionary)
     watch = WiggleObserver(tips, shown=station.show, tracker=tracker, camera=camera.serial)
     by_arm = config.moves and len(tips) > 1
@@ -130,7 +174,8 @@ def collect_streams(station: Station, options: SyncOptions) -> list[CalibrationR
         rows = [f"{t},{v:.9g}" for t, v in zip(times.tolist(), values.tolist(), strict=True)]
         write_table(raw / f"{name}.csv", "time_ns,value", rows)
     reference, sensors = (ARM, (camera.serial, *tips)) if by_arm else (camera.serial, tips)
-    return [solve_sync(Samples(raw), replace(options, first=reference, second=name)) for name in sensors]
+    write_bytes(raw / REFERENCE_FILE, f"{reference}\n".encode())
+    return [solve_pair(raw, reference, name, options.search) for name in sensors]
 
 
 def _touch(config: BenchConfig, name: str) -> Touch:
@@ -275,4 +320,4 @@ def compare_offsets(one: Path, other: Path) -> Differences:
     return {"offset_ms": round(1e3 * (offset_s[1] - offset_s[0]), 4)}
 
 
-SYNC = Kind("sync", SyncOptions, "motions", solve_sync, collect_streams, compare_offsets)
+SYNC = Kind("sync", SyncOptions, "motions", solve_streams, collect_streams, compare_offsets)

@@ -48,15 +48,15 @@ class Kind(Generic[Options]):
 
     name: in files and commands. options: dataclass of the command's own options; its docstring is the help.
     counted: name of the samples on the watch page, as "views". solve: reads recorded samples, solves and
-    assesses them, and draws the figures of the page. collect: takes the samples on a bench, then solves them.
-    compare: returns how far two files differ, in px over the picture or in mm; None if only their pages
-    can be compared.
+    assesses them, and draws the figures of the page; returns several results for several devices. collect:
+    takes the samples on a bench, then solves them. compare: returns how far two files differ, in px over
+    the picture or in mm; None if only their pages can be compared.
     """
 
     name: str
     options: type[Options]
     counted: str
-    solve: Callable[[Samples, Options], CalibrationResult]
+    solve: Callable[[Samples, Options], CalibrationResult | list[CalibrationResult]]
     collect: Callable[[Station, Options], list[CalibrationResult]]
     compare: Callable[[Path, Path], Differences] | None = None
 

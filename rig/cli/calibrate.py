@@ -67,7 +67,7 @@ def command_of(kind: "Kind[Any]") -> Callable[..., None]:
         if station.source is None:
             results = _collect(kind, context, own, station)
         else:
-            results = [_solve(kind, context, own, station, station.source)]
+            results = _solve(kind, context, own, station, station.source)
         _store(results, station)
 
     command.__annotations__["own"] = kind.options
@@ -77,7 +77,7 @@ def command_of(kind: "Kind[Any]") -> Callable[..., None]:
 
 def _solve(
     kind: "Kind[Any]", context: typer.Context, own: Any, station: StationOptions, folder: Path
-) -> "CalibrationResult":
+) -> "list[CalibrationResult]":
     from rig.calibrate.kind import Samples
     from rig.config import load_bench
 
@@ -86,7 +86,8 @@ def _solve(
             raise InputError(f"--{name} is for a calibration on a bench: leave it out with --from {folder}")
     begin_phase(f"calibrating from {folder}")
     bench = load_bench(station.bench) if is_given(context, "bench") else None
-    return kind.solve(Samples(folder, bench), own)
+    solved = kind.solve(Samples(folder, bench), own)
+    return solved if isinstance(solved, list) else [solved]
 
 
 def _collect(

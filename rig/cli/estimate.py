@@ -4,9 +4,10 @@ import os
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from textwrap import wrap
 from typing import TYPE_CHECKING
 
-from drivers.errors import InputError
+from drivers.errors import InputError, plural
 from rig.cli.common import emit_json, mark, print_result, report_broken, report_faults, say
 from rig.cli.options import JsonOption, TopicOption
 from rig.declared import argument, file_place, folder_place, option
@@ -15,6 +16,9 @@ from rig.terminal.screen import begin_phase, end_phase
 if TYPE_CHECKING:
     from rig.frames.estimates import EstimatedSeries, Estimation
     from rig.frames.of_session import SessionSeries
+
+_LINE_WIDTH = 97
+"""Most characters of a line below the name of the frames, without its indentation."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -245,15 +249,20 @@ def _write(file: Path, text: str) -> None:
         file.write_text(text, encoding="utf-8")
     except OSError as error:
         raise InputError(f"{file}: cannot be written ({error.strerror}): choose another --out") from error
+    say(f"{plural(text.count(chr(10)) - 1, 'row')} written to {file}")
 
 
 def report_estimate(what: str, done: "EstimatedSeries", run: "Estimation") -> dict[str, object]:
     """Print the notes, warnings and figures of an estimated series; return the figures."""
     warnings, faults = done.warnings, done.faults
-    for text in (*done.frames.notes, *(f"warning: {warning}" for warning in warnings)):
-        say(text)
-    say(done.background)
-    say(f"{what}: {run.choice.name}, {done.text}")
+    say(f"{what}: {run.choice.name}")
+    for text in (
+        *done.frames.notes, done.background, *done.lines(), *(f"warning: {warning}" for warning in warnings)
+    ):  # fmt: skip
+        for line in wrap(
+            text, _LINE_WIDTH, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False
+        ):
+            say(f"  {line}")
     settings = {"estimator": run.choice.name, "window": run.choice.window, "background": done.background}
     about = {"frames_from": what, **settings, "angles_from": done.angles_from}
     return {**about, **asdict(done.figures), "warnings": [*warnings, *([str(faults)] if faults else [])]}

@@ -1,10 +1,12 @@
 """Groups and commands of `rig`: options from dataclasses, and messages about misspelt names."""
 
+import json
 import re
 import sys
 from collections.abc import Callable
 from importlib import import_module
 from inspect import cleandoc
+from pathlib import Path
 from types import ModuleType
 from typing import Any
 
@@ -12,12 +14,14 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 from typer.main import get_command
 
-from drivers.errors import nearest
-from rig.declared import with_options
+from drivers.errors import FormatError, nearest
+from drivers.formats import read_bounded
+from rig.declared import is_given, with_options
 from rig.terminal.screen import begin_phase
 
 SIMULATED_BENCHES = ("fake", "hard", "wire")
 """The built-in benches."""
+_MOST_BYTES = 10_000_000
 
 
 class Commands(typer.Typer):
@@ -60,14 +64,31 @@ class Command(_NamesNearest, TyperCommand):
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Parse the options; if the bench is simulated, show that from now on while loading."""
         rest = super().parse_args(ctx, args)
-        bench = ctx.params.get("bench")
-        if bench in SIMULATED_BENCHES and not (ctx.resilient_parsing or ctx.params.get("source")):
+        bench, session = ctx.params.get("bench"), ctx.params.get("out")
+        if ctx.resilient_parsing or ctx.params.get("source"):
+            return rest
+        if ctx.params.get("resume") and session and not is_given(ctx, "bench"):
+            if name := _stored_bench(session):
+                begin_phase(f"{name} as stored in {session}: loading")
+        elif bench in SIMULATED_BENCHES:
             begin_phase(f"SIMULATED bench '{bench}': loading")
         return rest
 
     def format_help(self, ctx: Any, formatter: Any) -> None:
         _import_layout()
         super().format_help(ctx, formatter)
+
+
+def _stored_bench(session: Path) -> str:
+    """Return the name of a session's bench, with its mark if simulated; "" if it is unknown.
+
+    The session is read and checked later: this takes no time.
+    """
+    try:
+        manifest = json.loads(read_bounded(session / "session.json", _MOST_BYTES))
+        return f"{'SIMULATED ' if manifest['simulated'] else ''}bench '{manifest['bench']}'"
+    except (OSError, FormatError, ValueError, KeyError, TypeError):
+        return ""
 
 
 class Group(_NamesNearest, TyperGroup):

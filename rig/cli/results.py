@@ -50,10 +50,13 @@ def print_results(rows: "list[Line]", to_stderr: bool, stored: "Sequence[TrialMa
         console.print(line, highlight=False, soft_wrap=True)
 
 
-def trial_table(summary: "TrialSummary", simulated: str, wall_s: float, to_stderr: bool = False) -> None:
+def trial_table(
+    summary: "TrialSummary", simulated: str, wall_s: float, to_stderr: bool = False, earlier_s: float = 0.0
+) -> None:
     """Print the table of errors per object, then the figures of the whole trial.
 
-    simulated: prefix of printed results, as of `mark`. wall_s: run time.
+    simulated: prefix of printed results, as of `mark`. wall_s: run time of this command. earlier_s: bench
+    time of the attempts before it, if the trial was resumed.
     """
     from rig.results.metrics import mare_text
     from rig.results.notes import reaction_text, turn_distribution
@@ -68,7 +71,9 @@ def trial_table(summary: "TrialSummary", simulated: str, wall_s: float, to_stder
     console.print(turn_distribution(summary))
     if summary.reacting:
         console.print(reaction_text(summary.reacting))
-    console.print(f"{wall_s:.1f} s for {summary.bench_s:.1f} s of {simulated.lower()}bench time")
+    now_s, unit = summary.bench_s - earlier_s, f"s of {simulated.lower()}bench time"
+    earlier = f"; before it was resumed: {earlier_s:.1f} {unit}" if earlier_s else ""
+    console.print(f"{wall_s:.1f} s for {now_s:.1f} {unit}{earlier}")
 
 
 def print_limits(found: "Sequence[Judged]", to_stderr: bool = False) -> None:

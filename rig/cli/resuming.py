@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, TypeVar
 import typer
 
 from drivers.errors import DeviceError, InputError, OperatorStopError, RecordingError, plural
-from rig.cli.common import Exit, print_result, say
+from rig.cli.common import Exit, mark, print_result, say
 from rig.cli.options import RunOptions, SessionOptions, WatchOptions
 from rig.cli.report import report_after
 from rig.declared import is_given
@@ -55,7 +55,7 @@ def bench_of(context: typer.Context, options: RunOptions, command: str) -> "Benc
         raise InputError(
             f"{folder}: the stored bench '{config.name}' cannot be used: {why}: add --bench FILE"
         )
-    say(f"bench '{config.name}' as stored in {folder}")
+    say(f"{mark(config.simulated)}bench '{config.name}' as stored in {folder}")
     require_parts(config, command)
     return config if options.own_objects is None else with_objects(config, options.bench, options.own_objects)
 
@@ -103,20 +103,22 @@ def named_again(estimator: str | None, stored: str | None) -> str | None:
     return estimator or stored
 
 
-def lifts_done(folder: Path, wanted: int, jobs: int) -> tuple[int, float | None]:
+def lifts_done(folder: Path, wanted: int, jobs: int) -> tuple[int, float, float | None]:
     """Print and return the number of finished lifts of a trial that is resumed. Raises `SessionError`.
 
-    Also returns the mean time per finished lift in s, with `jobs` lifts in parallel; None without a lift.
+    Also returns the bench time of all attempts in s, and the mean time per finished lift in s, with `jobs`
+    lifts in parallel; None without a lift.
     """
     from statistics import fmean
 
     from rig.sessions.rows import read_lifts, read_timing
 
     begun = _holds_results(folder)
-    done = sum(row.accepted for row in read_lifts(folder)) if begun else 0
+    rows = read_lifts(folder) if begun else []
+    done, earlier_s = sum(row.accepted for row in rows), sum((row.bench_s for row in rows), 0.0)
     say(f"continuing {folder}: {done} of {plural(wanted, 'lift')} done")
     times_s = [timing.wall_s for timing in read_timing(folder)] if begun else []
-    return done, fmean(times_s) / jobs if times_s else None
+    return done, earlier_s, fmean(times_s) / jobs if times_s else None
 
 
 @contextmanager

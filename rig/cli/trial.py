@@ -139,7 +139,7 @@ def trial(context: typer.Context, options: TrialOptions) -> None:
         dry_run(lifting.settings.bench, lifting.plan(), options.json)
     summary = _lift_all(context, lifting, began)
     wall_s = time.perf_counter() - began
-    trial_table(summary, lifting.simulated, wall_s, options.json)
+    trial_table(summary, lifting.simulated, wall_s, options.json, lifting.earlier_s)
     judged = _apply_limits(lifting)
     print_limits(judged, options.json)
     page = report_after(lifting.folder, options.no_report)
@@ -175,7 +175,7 @@ class _Trial:
     """A trial to begin or to resume.
 
     options: of a resumed trial the stored ones, unless others were given. done: number of finished lifts.
-    usual_s: mean time per finished lift; None if there is none.
+    earlier_s: bench time of all attempts until now. usual_s: mean time per finished lift; None without one.
     """
 
     options: TrialOptions
@@ -184,6 +184,7 @@ class _Trial:
     objects: list[str]
     jobs: int
     done: int
+    earlier_s: float
     usual_s: float | None
 
     @property
@@ -257,8 +258,8 @@ def _prepare(context: typer.Context, options: TrialOptions) -> _Trial:
     if choice.name != DEFAULT_ESTIMATOR or not (loaded_later or options.dry):
         begin_phase(f"preparing estimator {choice.name}")
         choice.try_making()
-    done, usual_s = (0, None) if stored is None else lifts_done(folder, wanted, jobs)
-    return _Trial(options, settings, folder, objects, jobs, done, usual_s)
+    done, earlier_s, usual_s = (0, 0.0, None) if stored is None else lifts_done(folder, wanted, jobs)
+    return _Trial(options, settings, folder, objects, jobs, done, earlier_s, usual_s)
 
 
 def _lift_all(context: typer.Context, trial: _Trial, began: float) -> "TrialSummary":
@@ -279,7 +280,8 @@ def _lift_all(context: typer.Context, trial: _Trial, began: float) -> "TrialSumm
         summary = summarize_trial(read_lifts(folder))
         say(f"{summary.lifts_accepted} of {plural(trial.wanted, 'lift')} are done")
         if summary.objects:
-            trial_table(summary, trial.simulated, time.perf_counter() - began, options.json)
+            wall_s = time.perf_counter() - began
+            trial_table(summary, trial.simulated, wall_s, options.json, trial.earlier_s)
 
     title = f"{trial.simulated}trial on bench '{config.name}', {folder}"
     question = f"{trial.plan().text()}\nBegin?"

@@ -1,5 +1,6 @@
 """Messages about the faults of a file: a line for each, with place, key, reason and what to write."""
 
+import json
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
@@ -85,7 +86,16 @@ def fault_of(details: Any) -> KeyFault:
         why = details["msg"].removeprefix("Value error, ")
     else:
         why = _REASONS.get(kind, "is not valid").format(**details.get("ctx", {}))
-    return path, f"{why}, found {quote(given)}"
+    return path, f"{why}, found {_name_value(given)}"
+
+
+def _name_value(given: object) -> str:
+    """Return an invalid value as its file has it, or "a table" and "a list of tables"."""
+    if isinstance(given, Mapping):
+        return "a table"
+    if isinstance(given, list) and any(isinstance(each, Mapping) for each in given):
+        return "a list of tables"
+    return json.dumps(given) if given is None or isinstance(given, bool) else quote(given)
 
 
 def path_of(details: Any) -> list[str | int]:
@@ -111,7 +121,7 @@ def _driver(path: KeyPath, given: object) -> KeyFault:
     ours = " or ".join(f"'{name}'" for name in sorted({name for kind in kinds for name in get_args(kind)}))
     text = f"{'is missing: write' if given is None else 'must be'} {ours}, or {OWN} as 'package.module:Class'"
     if given is not None:
-        text += f", found {quote(given)}{file_hint(given) if isinstance(given, str) else ''}"
+        text += f", found {_name_value(given)}{file_hint(given) if isinstance(given, str) else ''}"
     return [*path, "driver"], text
 
 

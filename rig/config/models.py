@@ -26,6 +26,8 @@ from rig.config.fields import Coordinate, FileName, HostPort, KeyPath, Point, Se
 from rig.config.measured_values import Calibrations
 
 FAR_M = 10.0
+TABLE = "table"
+"""Name of the keep-out box below the table top."""
 """Half size of an unbounded keep-out box; larger than any bench."""
 
 
@@ -183,7 +185,7 @@ class BenchConfig(Section):
         arm, top_m = self.require("arm"), self.require("table").top_m
         boxes: list[KeepOutConfig | Box] = [*self.keep_out]
         if top_m is not None:
-            boxes.append(Box("table", (-FAR_M, -FAR_M, -FAR_M), (FAR_M, FAR_M, top_m)))
+            boxes.append(Box(TABLE, (-FAR_M, -FAR_M, -FAR_M), (FAR_M, FAR_M, top_m)))
         hand = self.gripper or FakeGripperConfig(driver="fake", fingers=("A", "B"))
         side, below, above = hand.half_width_m, hand.below_tcp_m, arm.tcp_m[2]
         grown = tuple(

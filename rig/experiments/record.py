@@ -114,16 +114,17 @@ def recording_plan(settings: RecordSettings) -> Plan:
             *(f"  {n:>2} {p.position} at {p.orientation_deg:+.0f} deg" for n, p in enumerate(poses, 1)),
         ]
         return make_plan(bench, head, motions)
-    home = home_pose(bench)
+    home, step_m = home_pose(bench), bench.gripper_spec().resolution_m
     head += [
         home_plan(home, "Before each pose"),
-        f"The arm will move at up to {TRAVEL_SPEED_M_S} m/s to these grasps (base frame):",
+        f"The arm will move at up to {TRAVEL_SPEED_M_S} m/s to these grasps (base frame). Grip: how far the "
+        "fingers close past first contact.",
     ]
     for task in tasks:
         plan = arm_pose(settings, task)
         what = (
             f"{task.number:>2} {task.pose.position.name} at {task.pose.orientation_deg:+.0f} deg, "
-            f"up to {plan.grips[-1][0]} steps past contact"
+            f"grip up to {1e3 * plan.grips[-1][0] * step_m:.1f} mm"
         )
         way = way_to(home, plan.base_T_grasp)
         motions.append(PlannedMotion(what, plan.base_T_grasp, way, TRAVEL_SPEED_M_S))

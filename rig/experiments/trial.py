@@ -76,14 +76,15 @@ def trial_plan(settings: TrialSettings, objects: list[str], lifts: int) -> Plan:
         *plain_notes(settings.bench, [find_grasp_file(i, own) for i in objects]),
         home_plan(home, "Before each lift"),
         *describe_reaction(settings, objects),
-        f"The arm will move at up to {TRAVEL_SPEED_M_S} m/s between these grasps (base frame):",
+        f"The arm will move at up to {TRAVEL_SPEED_M_S} m/s between these grasps (base frame). Grip: how "
+        f"far the fingers close past first contact. Lift: its height, in {LIFT_S} s.",
     ]
     motions = []
     for task in all_tasks(objects, lifts):
         plan = plan_lift(settings, task, table)
         what = (
-            f"{task.name:>6} {plan.object_name}, {1e3 * plan.grip_steps * step_m:.1f} mm past contact, "
-            f"lifted {plan.lift_height_m:.3f} m in {LIFT_S} s"
+            f"{task.name:>6} {plan.object_name}, grip {1e3 * plan.grip_steps * step_m:.1f} mm, "
+            f"lift {1e3 * plan.lift_height_m:.0f} mm"
         )
         rise = plan.base_T_grasp.translated(z_m=plan.lift_height_m)
         way = (*way_to(home, plan.base_T_grasp), rise)

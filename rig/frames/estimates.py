@@ -17,7 +17,7 @@ from drivers.types import ArmState, Image
 from rig.frames.of_session import SessionSeries
 from rig.frames.series import FrameSeries, TimedFrame, evenly_spread, make_background
 from rig.frames.slip_alarm import slips
-from rig.frames.times import FrameTime, parse_time, sparse_note
+from rig.frames.times import FrameTime, gaps_note, parse_time, sparse_note
 from rig.sessions.table_files import csv_bytes
 from rig.tactile.angles import Angles
 from rig.tactile.contact.background_check import LOOKS_LIKE_CONTACT, BackgroundCheck
@@ -400,23 +400,32 @@ class EstimatedSeries:
     def figures(self) -> EstimateFigures:
         return figures(self.estimate)
 
-    @property
-    def text(self) -> str:
-        """The figures in one line for people."""
+    def lines(self) -> list[str]:
+        """The figures for people, one in each line; the last line is the last angle."""
         found, start = self.figures, float(self.estimate.times[0].text)
         refused = ", ".join(f"{count} {state}" for state, count in found.refused.items()) or "none"
         zero, slip = (
             "" if t is None else f"{text}{t - start:.3f} s after the first frame"
-            for text, t in ((", ", found.reference_time_s), ("; slip ", found.slip_s))
+            for text, t in ((", ", found.reference_time_s), ("slip ", found.slip_s))
         )
         timed = "no frame with contact was timed"
         if found.median_ms is not None:
             times = f"median; 90 % {found.p90_ms:.1f}, 99 % {found.p99_ms:.1f}"
             timed = f"{found.median_ms:.1f} ms per frame with contact ({times})"
-        return (
-            f"{plural(found.frames, 'frame')}, {found.answered} answered, refused: {refused}; "
-            f"angles from {self.angles_from}; 0 degrees is {found.reference}{zero}{slip}; {timed}"
-        )
+        pairs = zip(self.estimate.times, self.estimate.samples, strict=True)
+        last = "last angle: none"
+        for time, sample in pairs:
+            if sample.angle_deg is not None:
+                sigma = "" if sample.sigma_deg is None else f", sigma {sample.sigma_deg:.2f}"
+                last = f"last angle: {sample.angle_deg:+.2f} deg{sigma}, at {time.text} s"
+        return [
+            f"{plural(found.frames, 'frame')}, {found.answered} answered, refused: {refused}",
+            f"angles from {self.angles_from}; {timed}",
+            f"0 degrees is {found.reference}{zero}",
+            *([slip] if slip else []),
+            gaps_note([time.time_ns for time in self.estimate.times]),
+            last,
+        ]
 
     @property
     def faults(self) -> EstimatorFaults | None:

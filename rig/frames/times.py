@@ -110,6 +110,10 @@ def checked_times(where: str, times_ns: Sequence[int] | Times) -> tuple[str, ...
     )
 
 
+GAP_STEPS = 2.5
+"""A step of more than this many median steps is a gap: at least two frames are missing."""
+
+
 def sparse_note(times_ns: Sequence[int] | Times) -> str | None:
     """Return a note on a stream whose frames are more than `APART_S` apart; None for others."""
     steps = np.diff(np.asarray(times_ns, np.int64))
@@ -119,6 +123,21 @@ def sparse_note(times_ns: Sequence[int] | Times) -> str | None:
     return (
         f"the frames are {step_s:.3g} s apart ({_unit_question(step_s)}): a rotation by more than a quarter "
         "turn between two frames cannot be recognised"
+    )
+
+
+def gaps_note(times_ns: Sequence[int] | Times) -> str:
+    """Return how many gaps a stream has, and the longest: steps of more than `GAP_STEPS` usual ones."""
+    times = np.asarray(times_ns, np.int64)
+    steps = np.diff(times) / NS_PER_S
+    gaps = np.flatnonzero(steps > GAP_STEPS * np.median(steps)) if steps.size else np.empty(0, np.intp)
+    if not gaps.size:
+        return "no gaps between the frames"
+    longest = gaps[steps[gaps].argmax()]
+    after_s = (times[longest] - times[0]) / NS_PER_S
+    return (
+        f"{plural(len(gaps), 'gap')} between the frames, the longest {steps[longest]:.3g} s, "
+        f"{after_s:.3f} s after the first frame"
     )
 
 

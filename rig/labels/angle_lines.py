@@ -21,6 +21,7 @@ from rig.sessions.codec import Codec, json_line, strict
 from rig.sessions.files import write_file
 from rig.tactile.contact.relative import RelativeDifference
 from rig.tactile.estimators import choose_estimator
+from rig.tactile.sample import State
 
 # A relative difference of this size is drawn in black or white.
 DIFFERENCE_RANGE = 0.25
@@ -51,7 +52,7 @@ class ClipToLabel:
 def choose_frames(
     series: FrameSeries, background: Image, count: int, reference: int | None = None
 ) -> tuple[FrameChoice, str]:
-    """Choose frames with contact, evenly spread from the reference on; return them and an explanation.
+    """Choose frames of the press with the reference, evenly spread from there on; also return an explanation.
 
     The default reference is the zero of `rig estimate`: the first frame in which the contact has settled.
     Raises `InputError` if no frame shows a contact, or if the reference is not a frame with contact before
@@ -70,7 +71,9 @@ def choose_frames(
     first = zero if reference is None else reference
     if first not in touching:
         raise InputError(f"{series.name}: --reference {first} shows no contact or cannot be read; {seen}")
-    between = [number for number in touching if number >= first]
+    left = (n for n, s in enumerate(found.samples) if n > first and s.state is State.NO_CONTACT)
+    end = next(left, len(found.samples))  # of the press that shows the reference
+    between = [number for number in touching if first <= number < end]
     if len(between) < 2:
         raise InputError(f"{series.name}: no contact follows frame {first}: choose an earlier --reference")
     places = np.unique(np.linspace(0, len(between) - 1, min(count, len(between))).round().astype(int))
@@ -78,9 +81,15 @@ def choose_frames(
     why = "no frame has an angle" if found.zero is None else found.zero_note
     asked = why if reference is None else "as given"
     note = (
-        f"{seen}; reference: frame {frames[0]} ({asked}); {plural(len(frames), 'frame')} to label, "
-        f"up to {frames[-1]}"
+        f"{seen}\nreference: frame {frames[0]} ({asked})\n"
+        f"{plural(len(frames), 'frame')} to label, up to {frames[-1]}; the reference is one of them, "
+        "with 0 degrees"
     )
+    if touching[-1] >= end:
+        note += (
+            f"\nthe press ends at frame {end}; label a later one in a separate clip, or alone with "
+            "--reference"
+        )
     return FrameChoice(frames[0], frames), note
 
 

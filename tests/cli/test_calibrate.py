@@ -24,11 +24,13 @@ from fakes.gel.sensor import GelSensor
 from fakes.world.fixture import tip_m
 from fakes.world.kinematics import TOOL_LENGTH_M
 from rig.calibrate.clocks import WiggleObserver
+from rig.calibrate.kinds import KINDS
 from rig.calibrate.samples import pose_row
 from rig.config import load_bench
 from rig.config.write import write_bench
 from support.benches import lighter
 from support.command_line import rig
+from support.marker_pictures import MarkerPictures
 from support.motions import general_scene, pivot_scene, wiggle_scene
 from support.simulated_gel import SimulatedGel
 
@@ -132,9 +134,13 @@ ON_BENCH = (
     ("tactile", check_tactile, "--bench light.toml --ball-mm 12 --presses 9", "", 3),
     ("gripper", check_gripper, "--bench light.toml --block-mm 20 --block-mm 45 --block-mm 70", "", 1),
     ("tcp", check_tcp, "--bench fake --poses 10", "--bench fake", 2),
-    ("sync", check_sync, "--bench light.toml", "--reference arm --stream SIM-C0001", 1),
+    ("sync", check_sync, "--bench light.toml", "", 1),
 )
 """Kinds with a check of their files, options on the bench and with its samples, and pictures of a page."""
+
+
+def test_every_kind_is_calibrated_again_from_its_own_samples() -> None:
+    assert {name for name, *_ in ON_BENCH} == set(KINDS)
 
 
 @pytest.mark.heavy
@@ -158,7 +164,9 @@ def test_bench_is_calibrated_and_its_samples_give_the_same_file_again(
     done = json.loads(calibrate(kind, *on_bench.split(), "--out", "done", "--json").stdout)["calibrations"]
     check([load(Path(each["file"]), kind) for each in done], Path("done"))
     samples = min(Path("done").glob("*-samples"))
-    again = figures(kind, "--from", samples, *of_samples.split(), "--out", "again")
+    solved = calibrate(kind, "--from", samples, *of_samples.split(), "--out", "again", "--json")
+    again, *others = json.loads(solved.stdout)["calibrations"]
+    assert len(others) == (2 if kind == "sync" else 0)
     for each in (*done, again):
         assert each["simulated"], "samples keep the mark of their bench"
         page_is_whole(each["page"], pictures)
@@ -240,11 +248,33 @@ def test_opening_and_clocks_are_calibrated_from_files(tmp_path: Path) -> None:
     rows = [f"{c},{120 - 0.5 * c},{way}" for way in ("closing", "opening") for c in range(10, 200, 20)]
     (tmp_path / "gripper.csv").write_text("\n".join(["counts,opening_mm,direction", *rows]))
     assert figures("gripper", "--from", tmp_path, "--out", tmp_path / "out")["verdict"] == "good"
-    for name, stream in zip(("robot", "camera"), wiggle_scene(np.random.default_rng(0)), strict=True):
-        text = [f"{t},{v:.6f}" for t, v in zip(stream.time_ns, stream.values, strict=True)]
-        (tmp_path / f"{name}.csv").write_text("\n".join(["time_ns,value", *text]))
-    offset = figures("sync", "--from", tmp_path, "--out", tmp_path / "out")
+    (tmp_path / "wiggle").mkdir()
+    write_wiggle(tmp_path / "wiggle", ("robot", "camera"))
+    offset = figures("sync", "--from", tmp_path / "wiggle", "--out", tmp_path / "out")
     assert offset["value"]["add_to_stream_s"] == pytest.approx(0.0473, abs=1.5e-3)
+
+
+def write_wiggle(folder: Path, names: tuple[str, str]) -> None:
+    for name, stream in zip(names, wiggle_scene(np.random.default_rng(0)), strict=True):
+        text = [f"{t},{v:.6f}" for t, v in zip(stream.time_ns, stream.values, strict=True)]
+        (folder / f"{name}.csv").write_text("\n".join(["time_ns,value", *text]))
+
+
+@pytest.mark.parametrize("reference", ["arm", "SIM-C0001"])
+def test_streams_that_the_rig_stored_are_calibrated_without_their_names(
+    reference: str, tmp_path: Path
+) -> None:
+    write_wiggle(tmp_path, (reference, "SIM-D0001"))
+    if reference != "arm":
+        refused = calibrate("sync", "--from", tmp_path)
+        assert refused.returncode == 2
+        assert "this folder has SIM-C0001.csv, SIM-D0001.csv; give --reference and" in refused.stderr
+        (tmp_path / "reference.txt").write_text(f"{reference}\n")
+    found = figures("sync", "--from", tmp_path, "--out", tmp_path / "out")
+    assert (found["value"]["reference"], found["value"]["stream"]) == (reference, "SIM-D0001")
+    assert found["value"]["add_to_stream_s"] == pytest.approx(0.0473, abs=1.5e-3)
+    missing = calibrate("sync", "--from", tmp_path, "--stream", "camera")
+    assert f"there is no {tmp_path}/camera.csv: this folder has" in missing.stderr
 
 
 def write_tip_poses(folder: Path, poses: Sequence[tuple[str, Pose]], child_frame: str) -> None:
@@ -357,3 +387,16 @@ def test_reasons_of_rejected_rows_are_counted_on_the_terminal(count: int, tmp_pa
     assert "column qz: 'x' is not a number" in done.stderr
     assert "the id 001 a second time" in done.stderr
     assert len(lines) <= 5
+
+
+def test_uncertainty_of_a_turn_is_unknown_without_a_camera(tmp_path: Path) -> None:
+    scene, rng = MarkerPictures(), np.random.default_rng(0)
+    for number in range(20):
+        cv2.imwrite(str(tmp_path / f"{number:02d}.png"), scene.draw(0.0, rng))
+    done = calibrate("markers", "--from", tmp_path, "--out", tmp_path / "out", "--json")
+    assert done.returncode == 0, done.stderr
+    found = json.loads(done.stdout)["calibrations"][0]
+    assert found["verdict"] == "weak"
+    for name in ("one sigma", "due to the camera"):
+        assert found["numbers"][f"a turn of 30 degrees, {name}"] == "unknown without intrinsics (--camera)"
+    assert not any("turn_sigma" in key for key in (*found["value"], *found["quality"]))

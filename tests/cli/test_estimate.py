@@ -97,6 +97,28 @@ def test_the_table_has_a_row_per_frame_with_times_as_given(lift: Path) -> None:
     assert "0 degrees is at the first frame with an angle in a settled contact" in done.stderr
 
 
+def test_ends_with_gaps_last_angle_doubts_and_rows_in_short_lines(lift: Path, tmp_path: Path) -> None:
+    header, *times = (lift / "times.csv").read_text().splitlines()
+    late = [
+        f"{name},{float(t_s) + 0.2 * (i >= 20):.4f}"
+        for i, (name, t_s) in enumerate(t.split(",") for t in times)
+    ]
+    (tmp_path / "times.csv").write_text("\n".join([header, *late]))
+    done = estimate(
+        lift / "frames", "--background", lift / "frames" / "f9.png", "--timestamps", tmp_path / "times.csv",
+        "--estimator", "ellipse", "--out", tmp_path / "out.csv",
+    )  # fmt: skip
+    lines = done.stderr.splitlines()
+    name = next(n for n, line in enumerate(lines) if line == f"{lift / 'frames'}: ellipse")
+    assert max(len(line) for line in lines[name + 1 : -1]) < 100
+    assert lines[-1] == f"28 rows written to {tmp_path / 'out.csv'}"
+    text = " ".join(" ".join(lines[name:-1]).split())
+    order = ("1 gap between the frames, the longest 0.217 s, 0.317 s after the first frame", "last angle: ",
+             "warning: ")  # fmt: skip
+    places = [text.index(part) for part in order]
+    assert places == sorted(places)
+
+
 @pytest.mark.heavy
 def test_zero_is_where_the_contact_has_settled_or_as_chosen(lift: Path) -> None:
     figures = figures_of(lift / "frames", "--background", "first:2")
@@ -137,7 +159,7 @@ def test_rate_shift_and_slip_stand_behind_the_contracts_columns(lift: Path) -> N
         r"0 degrees is at the first frame with an angle in a settled contact, 0\.\d+ s after the first frame",
         done.stderr,
     )
-    assert re.search(r"; slip 0\.3\d+ s after the first frame", done.stderr)
+    assert re.search(r"\n  slip 0\.3\d+ s after the first frame\n", done.stderr)
 
 
 @pytest.mark.heavy

@@ -66,6 +66,7 @@ def test_lines_become_labels_that_the_benchmark_reads(clip: Path, person: Browse
     done = rig("label-angle", clip, *REFERENCE, "--count", 4, "--json")
     assert done.returncode == 0, done.stderr
     assert json.loads(done.stdout) == {"out": str(clip / "labels.csv"), "labels": 4, "frames": 4}
+    assert "is one of them: rig benchmark clips compares the other 3" in done.stderr
     (found,) = read_clips(clip)
     assert [label.angle_deg for label in found.labels] == pytest.approx(
         [TURN_DEG[n] for n in (4, 7, 11)], abs=0.1

@@ -45,6 +45,26 @@ def session(lab: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.heavy
+def test_new_object_slips_with_its_values_and_holds_with_the_offset_that_its_comment_names(
+    tmp_path: Path, light_bench_file: Path
+) -> None:
+    folder = tmp_path / "objects"
+    assert rig("objects", "new", folder / "slipping.toml").returncode == 0
+    text = (folder / "slipping.toml").read_text()
+    assert "slips with 0.03, because its weight turns it, and holds with 0.0." in text
+    held = text.replace("slipping", "holding").replace("offset_m = 0.030", "offset_m = 0.0")
+    (folder / "holding.toml").write_text(held)
+    what = ("--object", "slipping", "--object", "holding", "--lifts", 1, "--bench", light_bench_file)
+    with short_phases():
+        done = rig("trial", *what, "--objects", folder, "--estimator", "pca", "--jobs", 1, "--no-report",
+                   "--out", tmp_path / "session")  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    outcomes = {row.split()[2]: row for row in done.stderr.splitlines() if row.startswith(("1/2", "2/2"))}
+    assert ": slipped, " in outcomes["slipping"]
+    assert ": held, " in outcomes["holding"]
+
+
 def test_objects_are_listed_with_their_source_also_new_ones(lab: Path, tmp_path: Path) -> None:
     new = rig("objects", "new", tmp_path / "cup.toml")
     assert (new.returncode, new.stdout.strip()) == (0, str(tmp_path / "cup.toml")), new.stderr

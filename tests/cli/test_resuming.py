@@ -53,6 +53,22 @@ def test_resume_alone_continues_the_newest_unfinished_session_with_its_options(
     assert json.loads((here / "sessions" / "old" / "session.json").read_text())["status"] == "running"
 
 
+def test_resume_names_the_stored_bench_at_once_and_separates_its_times(
+    here: Path, one_lift: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = copied(one_lift, here / "s", bench="wire")
+    phases: list[str] = []
+    monkeypatch.setattr("rig.cli.helping.begin_phase", phases.append)
+    rig("trial", "--resume", "--out", folder, "--no-report")
+    assert phases == [f"SIMULATED bench 'wire' as stored in {folder}: loading"]
+    (lift,) = read_lifts(one_lift)
+    done = rig("trial", "--resume", "--out", copied(one_lift, here / "same"), "--no-report")
+    earlier = f"before it was resumed: {lift.bench_s:.1f} s of simulated bench time"
+    assert f" s for 0.0 s of simulated bench time; {earlier}" in " ".join(done.stdout.split()), done.stderr
+    rig("trial", "--resume", "--bench", "fake", "--out", here / "other", "--dry-run")
+    assert phases[2:] == ["SIMULATED bench 'fake': loading"]
+
+
 def test_resume_without_an_unfinished_session_is_rejected(here: Path, one_lift: Path) -> None:
     copied(one_lift, here / "sessions" / "other", bench="another")
     for command in (("trial",), ("record",), ("replay",)):

@@ -15,7 +15,7 @@ from rig.bench.operators import ConsoleOperator
 from rig.bench.source import session_bench
 from rig.calibrate.bench import Station
 from rig.calibrate.camera import CameraOptions, collect_camera
-from rig.calibrate.clocks import SyncOptions, collect_streams, solve_sync
+from rig.calibrate.clocks import SyncOptions, collect_streams, solve_pair, solve_streams
 from rig.calibrate.kind import Samples
 from rig.config import BENCHES, load_bench
 from rig.experiments.record import RecordSettings, run_record
@@ -195,10 +195,12 @@ def test_fingertip_is_put_on_the_clock_of_the_camera_by_hand(
     assert result.simulated
     assert result.value["add_to_stream_s"] == pytest.approx(0.0, abs=0.003)
     samples = tmp_path / "c" / "sync-samples"
+    (again,) = solve_streams(Samples(samples), SyncOptions())
+    assert again.value == result.value
     header, *rows = (samples / "SIM-D0001.csv").read_text().splitlines()
     late = [f"{int(time_ns) + 40_000_000},{value}" for time_ns, value in (row.split(",") for row in rows)]
     (samples / "LATE.csv").write_text("\n".join([header, *late, ""]))
-    moved = solve_sync(Samples(samples), SyncOptions("SIM-C0001", "LATE"))
+    moved = solve_pair(samples, "SIM-C0001", "LATE")
     assert moved.value["add_to_stream_s"] == pytest.approx(-0.04, abs=0.003)
 
 

@@ -19,6 +19,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, MaxNLocator, ScalarFormatter
 
 from drivers.errors import InputError, plural, unknown_name
+from drivers.progress import name_work
 from rig.benchmark.clips.labelled import (
     ClipLabel,
     ClipVersion,
@@ -326,7 +327,9 @@ class EstimatorRuns:
 
 def run_clip(clip: LabelledClip, choice: EstimatorChoice, reference_ms: tuple[float, ...] = ()) -> ClipRun:
     """Estimate the frames of a clip through the interface of `rig.estimator`. reference_ms: see `Answers`."""
-    raw = estimate_series(clip.series, Streamed(choice.make(clip.background), clip.background))
+    name_work(f"{clip.name}, {choice.name}")
+    estimator = Streamed(choice.make(clip.background), clip.background)
+    raw = estimate_series(clip.series, estimator, clip.series.count)
     estimate = apply_zero(raw, raw.times[clip.reference_frame])
     samples, judged = estimate.samples, []
     for label in clip.labels:
@@ -426,9 +429,11 @@ def measure_clip(
     choices: Sequence[EstimatorChoice], clip: LabelledClip
 ) -> tuple[list[ClipRun], dict[str, list[float]]]:
     """Run all estimators on a clip. Also return the times of the first by interface, if it is plain."""
+    name_work(f"{clip.name}, time of findTransformECC")
     reference = tuple(reference_ms(clip.series))
     runs = [run_clip(clip, choice, reference) for choice in choices]
     plain = clip.version is ClipVersion.PLAIN
+    name_work(f"{clip.name}, times of {choices[0].name} by interface")
     return runs, interface_ms(choices[0], clip.background, clip.series) if plain else {}
 
 

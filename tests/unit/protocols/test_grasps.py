@@ -1,13 +1,12 @@
 """The object files: the largest grip of a reaction to slip."""
 
-from pathlib import Path
-
 import pytest
 
 from drivers.errors import InputError
 from fakes.objects.catalogue import find_object
 from protocols import grasps
-from protocols.grasps import TRIAL_OBJECTS, find_grasp_file, load_grasp_files
+from protocols.grasps import TRIAL_OBJECTS, find_grasp_file
+from rig.config.objects import parse_object
 
 STIFFNESS_N_M = 420.0
 
@@ -26,15 +25,7 @@ def test_object_without_largest_grip_is_refused_with_advice() -> None:
         find_grasp_file("orange").require_largest_grip()
 
 
-def test_largest_grip_below_the_light_grips_is_rejected_by_key(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_largest_grip_below_the_light_grips_is_rejected_by_key() -> None:
     text = next(grasps.OBJECTS_FOLDER.glob("t2_*")).read_text()
-    (tmp_path / "t2.toml").write_text(text.replace("largest_grip_mm = 8.7", "largest_grip_mm = 2.5"))
-    monkeypatch.setattr(grasps, "OBJECTS_FOLDER", tmp_path)
-    load_grasp_files.cache_clear()
-    try:
-        with pytest.raises(InputError, match=r"t2\.toml: largest_grip_mm: .*2\.5 is below grip_mm, 3\.1"):
-            load_grasp_files()
-    finally:
-        load_grasp_files.cache_clear()
+    with pytest.raises(InputError, match=r"t2\.toml:\d+: largest_grip_mm: .*2\.5 is below grip_mm, 3\.1"):
+        parse_object(text.replace("largest_grip_mm = 8.7", "largest_grip_mm = 2.5"), "t2.toml")

@@ -8,7 +8,7 @@ import pytest
 from calibration.gripper import Direction
 from calibration.hand_eye.solve import Setup
 from drivers.errors import InputError
-from rig.calibrate.clocks import SyncOptions, solve_sync
+from rig.calibrate.clocks import solve_pair
 from rig.calibrate.gripper import GripperOptions, solve_openings
 from rig.calibrate.hand_eye import HandEyeOptions, solve_hand_eye
 from rig.calibrate.kind import Samples
@@ -64,8 +64,7 @@ def test_frame_numbers_with_exponents_are_the_frames(tmp_path: Path) -> None:
 @pytest.mark.parametrize("case", ["savetxt", "savetxt_0to30"])
 def test_sync_of_streams_written_by_numpy(real_data: Path, case: str) -> None:
     plain, other = (
-        solve_sync(Samples(real_data / "field_cases" / "sync" / name), SyncOptions())
-        for name in ("plain", case)
+        solve_pair(real_data / "field_cases" / "sync" / name, "robot", "camera") for name in ("plain", case)
     )
     assert plain.value["add_to_stream_s"] == pytest.approx(0.037, abs=1e-4)
     assert other.value["add_to_stream_s"] == pytest.approx(

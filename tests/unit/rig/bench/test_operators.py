@@ -13,7 +13,7 @@ from drivers.bench import Bench, Hand
 from drivers.errors import DeviceError, InputError, OperatorStopError
 from drivers.types import ArmMode, HandState, Holding
 from drivers.ur5e.arm import UR5e
-from protocols.grasps import load_grasp_files
+from protocols.grasps import TRIAL_OBJECTS, load_grasp_files
 from protocols.readiness import make_ready
 from rig.bench.assembly import build_bench
 from rig.bench.operators import ConsoleOperator
@@ -56,7 +56,25 @@ def test_plan_lists_motions_that_would_be_rejected(changes: dict[str, dict[str, 
     assert len(plan.refused) == 1
     assert plan.refused[0].startswith("t1/1 wrench: ")
     assert said in plan.refused[0]
-    assert f"WOULD BE REFUSED: {plan.refused[0]}" in plan.text()
+    assert f"WOULD BE REFUSED: {plan.refused[0]}" in " ".join(plan.text().split())
+
+
+def test_plan_gives_openings_free_space_and_grips_in_short_lines() -> None:
+    stand = {"name": "stand", "min_m": (0.4, -0.7, 0.0), "max_m": (0.5, -0.6, 0.4)}
+    values = {**real_bench().model_dump(), "keep_out": (stand,)}
+    values["table"]["top_m"] = 0.02
+    bench = BenchConfig.model_validate(values)
+    texts = [
+        trial_plan(TrialSettings(each, 0, choose_estimator()), list(TRIAL_OBJECTS), 5).text()
+        for each in (bench, real_bench())
+    ]
+    assert "fingers open to 120 mm (the hand can 155), and close in steps of 0.62 mm," in texts[0]
+    assert "free space: above the table (z > 35 mm); outside stand, (" in texts[0]
+    assert "free space: the whole workspace." in texts[1]
+    assert (
+        "t1/1 wrench, grip 1.9 mm, lift 37 mm: (0.400, 0.000, 0.060) m, turned -0.8 deg about y\n" in texts[0]
+    )
+    assert max(len(line) for text in texts for line in text.splitlines()) <= 100
 
 
 def test_object_wider_than_the_opening_is_rejected_before_any_question() -> None:
@@ -94,7 +112,7 @@ def test_second_program_on_a_bench_is_refused_before_any_device_is_read(
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
     monkeypatch.setattr("rig.bench.source.first_findings", lambda *_: [])
     monkeypatch.setattr(Bench, "connection", lambda bench: nullcontext(bench))
-    monkeypatch.setattr("rig.bench.source.HandMemory.tips_in_contact", lambda memory, bench: [])
+    monkeypatch.setattr("rig.bench.source.HandMemory.touched", lambda memory, bench: [])
     agreeing = ConsoleOperator(lambda question: True)
     asked = ConsoleOperator(lambda question: pytest.fail(question))
     with session_bench(real_bench(), agreeing, "Begin?") as first:

@@ -6,6 +6,7 @@ import re
 import shutil
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -16,6 +17,7 @@ from numpy.typing import NDArray
 from typer.testing import CliRunner
 
 from drivers.errors import InputError
+from drivers.progress import Display, show_on
 from rig.benchmark.clips.labelled import ClipLabel, ClipVersion, ContactSpan, clip_version, read_clips
 from rig.benchmark.clips.study import (
     ALL,
@@ -23,6 +25,7 @@ from rig.benchmark.clips.study import (
     ClipsOptions,
     JudgedLabel,
     measure,
+    measure_clip,
     noise_at_rest_deg,
     run_clip,
     score,
@@ -43,6 +46,23 @@ COLUMNS = "reference_frame,keyframe,angle_deg,sigma_deg"
 SPANS = "first,last,contact\n"
 TURN_DEG = [*[0.0] * 10, *np.arange(2.0, 32.0, 2.0)]
 LABELS = [(9, 0.0), (14, 10.0), (19, 20.0), (24, 30.0)]
+
+
+def test_progress_names_clip_and_estimator_and_restarts_only_with_a_name(clips: Path) -> None:
+    clip = next(clip for clip in read_clips(clips) if clip.name == "frames_clip")
+    shown: list[str | int] = []
+    show_on(Display(shown.append, lambda done, total: shown.append(done)))
+    try:
+        measure_clip([choose_estimator("pca"), choose_estimator("ellipse")], clip)
+    finally:
+        show_on(None)
+    names = [each for each in shown if isinstance(each, str)]
+    assert names == [
+        "frames_clip, time of findTransformECC", "frames_clip, pca", "frames_clip, ellipse",
+        "frames_clip, times of pca by interface",
+    ]  # fmt: skip
+    for before, now in pairwise(shown):
+        assert isinstance(now, str) or isinstance(before, str) or now > before
 
 
 def judged(
@@ -302,7 +322,7 @@ def test_table_of_one_clip_names_sensor_version_and_error(clips: Path, tmp_path:
     rows = (tmp_path / "unit" / "my_unit.md").read_text().splitlines()
     found = dict(row.strip("| ").split(" | ") for row in rows)
     assert (found["my unit"], found["clip"], found["estimator"]) == ("D20641", "clip", "pca")
-    assert found["rig"].startswith(VERSION)
+    assert found["rig"].startswith(version_text())
     assert found["labels beside the reference"] == "5"
     assert found["largest labelled angle, degrees"] == "30.0"
     mean, low, high = map(float, re.findall(r"[0-9.]+", found["mean error, degrees"]))

@@ -91,16 +91,21 @@ def test_proposes_the_zero_of_rig_estimate_as_reference(clip: Path, press: Draw,
 
 
 @pytest.mark.heavy
-def test_only_frames_with_contact_are_offered(clip: Path, blank: Image) -> None:
+def test_only_frames_of_the_press_with_the_reference_are_offered(clip: Path, blank: Image) -> None:
     for number in (6, 7, 8, 9):
         cv2.imwrite(str(clip / "frames" / f"{number:03d}.png"), blank[..., ::-1])
-    assert opened(clip, 100).choice == FrameChoice(2, (2, 3, 4, 5, 10, 11, 12, 13))
-    assert opened(clip, 4).choice == FrameChoice(2, (2, 4, 11, 13))
+    assert opened(clip, 100).choice == FrameChoice(2, (2, 3, 4, 5))
+    assert opened(clip, 2).choice == FrameChoice(2, (2, 5))
+    assert opened(clip, 100, reference=10).choice == FrameChoice(10, (10, 11, 12, 13))
+    note = choose_frames(read_frames(clip / "frames"), blank, 3)[1]
+    assert "the reference is one of them, with 0 degrees" in note
+    assert "the press ends at frame 6; label a later one" in note
+    assert max(map(len, note.splitlines())) <= 100
     for number in (0, 7, 99):
         with pytest.raises(InputError, match=f"--reference {number} shows no contact .* in frames 2 to 13"):
             opened(clip, reference=number)
-    with pytest.raises(InputError, match="no contact follows frame 13"):
-        opened(clip, reference=13)
+    with pytest.raises(InputError, match="no contact follows frame 5"):
+        opened(clip, reference=5)
     grey = np.full((320, 240, 3), 90, np.uint8)
     for file in (clip / "frames").iterdir():
         cv2.imwrite(str(file), grey)

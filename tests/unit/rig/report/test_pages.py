@@ -296,7 +296,7 @@ def test_a_damaged_line_is_named_and_left_out(drawn_trial: Any, tmp_path: Path) 
     (folder / "lifts.jsonl").write_text(lines[0][:50] + "\n" + lines[1] + "\n" + "null\n")
     found = page_of(folder)
     assert "lifts.jsonl: 2 of 3 lines damaged (line 1: is not valid JSON" in found.text
-    assert "line 3: must be a table, found None" in found.text
+    assert "line 3: must be a table, found null" in found.text
     assert any("wrench, lift 2" in name for name in found.figures)
 
 

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -35,6 +36,28 @@ def rows(lift_row: MakeRow) -> list[Lift]:
 def verdicts(rows: list[Lift], **limit: object) -> list[tuple[str, float | None, bool]]:
     found = apply_limits(checked_limits((LimitConfig(**limit),), OBJECTS), rows)
     return [(one.of, one.value, one.met) for one in found]
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("limits = []\nupperr = 0.2", "l.toml:2: upperr: unknown key (did you mean 'upper'?)"),
+        (
+            '[[limits]]\nfigure = "mare_deg"\nupperr = 0.2',
+            "l.toml:3: limits.0.upperr: unknown key (did you mean",
+        ),
+        ("limits = 3", "l.toml:1: limits: must be a list, found 3"),
+        ("[[limits]]\nfigure = { of = 1 }\nupper = 1.0", "must be text in quotation marks, found a table"),
+    ],
+)
+def test_faults_of_a_limits_file_are_named_in_the_words_of_the_file(
+    text: str, said: str, tmp_path: Path
+) -> None:
+    (tmp_path / "l.toml").write_text(text)
+    with pytest.raises(InputError) as raised:
+        read_limits(tmp_path / "l.toml")
+    assert said in str(raised.value)
+    assert not re.search(r"column|[Tt]uple|\bdict\b|Input should|validation", str(raised.value))
 
 
 def test_each_accepted_lift_is_compared_and_one_without_the_figure_misses(rows: list[Lift]) -> None:

@@ -26,7 +26,7 @@ def test_named_position_is_changed() -> None:
     text = new_object_text("box") + '\n[[position]]\nname = "end" # of it\noffset_m = 0.1\nwidth_m = 0.02\n'
     _, read = with_position(text, "end", {"offset_m": 0.2, "width_m": 0.03}, "box.toml")
     assert [(p.name, p.offset_m, p.width_m) for p in read.position] == [
-        ("middle", 0.0, 0.03),
+        ("middle", 0.03, 0.03),
         ("end", 0.2, 0.03),
     ]
 

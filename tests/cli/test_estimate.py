@@ -328,7 +328,7 @@ def test_page_of_own_frames_shows_curve_states_and_frames(lift: Path, tmp_path: 
     assert "marker" not in text
     assert text.count("data:image/jpeg;base64,") == 6
     assert "<td>93%</td>" in text
-    assert "2 no_contact" in text
+    assert "2 no contact" in text
     assert "SIMULATED" not in text
 
 

@@ -15,6 +15,7 @@ from calibration.store import CalibrationFile, load, plain, save, write_bytes
 from calibration.verdict import Assessment, Rejected, Verdict
 from drivers.errors import CalibrationError
 from rig.calibrate.charts import Picture
+from rig.calibrate.samples import has_simulated_samples
 from rig.pages.page import render
 from rig.report.parts import Notice
 from rig.version import version_text
@@ -62,8 +63,8 @@ class CalibrationResult:
     """A calibration with what its page shows, before it is stored.
 
     kind, serials, rejected: as in `CalibrationFile`. layout: calibrated values in the layout of their field;
-    the others are figures. source: folder of the samples; if they are
-    simulated, `rig calibrate` marks the result. used: number of samples. files: the samples, for
+    the others are figures. source: folder of the samples; if they say
+    that they are simulated, so is the result. used: number of samples. files: the samples, for
     the hash. thumbnails: PNG bytes of rejected samples by id. part: of the kind, if it has several files.
     attached: content of further files of the same name, by suffix; not written if refused.
     """
@@ -82,6 +83,10 @@ class CalibrationResult:
     simulated: bool = False
     part: str = ""
     attached: Mapping[str, bytes] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if has_simulated_samples(Path(self.source)):
+            object.__setattr__(self, "simulated", True)
 
     @property
     def about(self) -> str:

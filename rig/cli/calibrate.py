@@ -5,7 +5,7 @@ The commands are made from the kinds of calibrations (`rig.calibrate.kind.Kind`)
 
 from collections.abc import Callable
 from contextlib import ExitStack, closing
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -120,12 +120,9 @@ def _store(results: "list[CalibrationResult]", options: StationOptions) -> None:
 
     Raises `CalibrationError` at the end if any is refused.
     """
-    from rig.calibrate.samples import has_simulated_samples
-
     stored: list[dict[str, Any]] = []
     refused: list[str] = []
-    for each in results:
-        result = replace(each, simulated=each.simulated or has_simulated_samples(Path(each.source)))
+    for result in results:
         try:
             stored.append(_store_one(result, options.files))
         except CalibrationError as error:

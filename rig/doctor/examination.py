@@ -11,7 +11,6 @@ from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
-from calibration.verdict import Verdict
 from drivers.errors import CalibrationError, DeviceError, InputError, RecordingError
 from rig.bench.findings import Finding, Severity, assess
 from rig.bench.source import reserve_bench, unconnected_bench
@@ -154,8 +153,6 @@ def _calibration(path: Path, serials: set[str]) -> Finding:
     days = age_days(file.created, now)
     strangers = sorted(set(file.serials.values()) - serials)
     severity, todo = Severity.GOOD, ""
-    if file.assessment.verdict is not Verdict.GOOD:
-        severity, todo = Severity.WARNING, f"{file.assessment}"
     if days > OLD_DAYS:
         severity, todo = Severity.WARNING, f"older than {OLD_DAYS:g} days: check it with rig calibrate"
     if strangers:

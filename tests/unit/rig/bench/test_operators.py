@@ -112,7 +112,7 @@ def test_second_program_on_a_bench_is_refused_before_any_device_is_read(
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
     monkeypatch.setattr("rig.bench.source.first_findings", lambda *_: [])
     monkeypatch.setattr(Bench, "connection", lambda bench: nullcontext(bench))
-    monkeypatch.setattr("rig.bench.source.HandMemory.touched", lambda memory, bench: [])
+    monkeypatch.setattr("rig.bench.source.HandMemory.tips_in_contact", lambda memory, bench: [])
     agreeing = ConsoleOperator(lambda question: True)
     asked = ConsoleOperator(lambda question: pytest.fail(question))
     with session_bench(real_bench(), agreeing, "Begin?") as first:

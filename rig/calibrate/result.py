@@ -63,8 +63,8 @@ class CalibrationResult:
     """A calibration with what its page shows, before it is stored.
 
     kind, serials, rejected: as in `CalibrationFile`. layout: calibrated values in the layout of their field;
-    the others are figures. source: folder of the samples; if they say
-    that they are simulated, so is the result. used: number of samples. files: the samples, for
+    the others are figures. source: folder of the samples, and of their
+    mark SIMULATED, which the result gets. used: number of samples. files: the samples, for
     the hash. thumbnails: PNG bytes of rejected samples by id. part: of the kind, if it has several files.
     attached: content of further files of the same name, by suffix; not written if refused.
     """

@@ -95,16 +95,20 @@ def drift(object_id: str, site: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 @pytest.mark.heavy
-@pytest.mark.parametrize(("object_id", "site"), [("t1", 0), ("t4", 0), ("t5", 2), ("t7", 1)])
+@pytest.mark.parametrize(("object_id", "site"), [("t1", 0), ("t5", 2), ("t7", 1)])
 def test_growing_contact_with_an_edge_keeps_its_angle(object_id: str, site: int) -> None:
     angles, _ = drift(object_id, site)
     assert np.abs(angles).max() < 0.5
 
 
 @pytest.mark.heavy
-@pytest.mark.parametrize(("object_id", "site"), [("1", 0), ("7", 0)])
+@pytest.mark.parametrize(("object_id", "site"), [("1", 0), ("7", 0), ("t4", 0)])
 def test_sigma_covers_the_drift_of_a_poorly_observable_contact(object_id: str, site: int) -> None:
-    """A barrel that is round both ways, and a rounded corner: 95 % of normal errors are below two sigma."""
+    """95 % of normal errors are below two sigma.
+
+    The contacts are a barrel that is round both ways, a rounded corner, and one that turns by 1.8 degrees
+    while it grows, at a sigma of 5 to 7.
+    """
     angles, sigmas = drift(object_id, site)
     assert np.mean(np.abs(angles) < np.maximum(0.5, 2.0 * sigmas)) >= 0.95
 

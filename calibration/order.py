@@ -28,7 +28,7 @@ FEWEST = 3
 """Fewest samples of a part."""
 CHANCE = 0.0027
 """Probability that samples without a change seem to have one, over all cuts: three sigma."""
-LIMITS = ("within three sigma", "any")
+LIMITS = ("within three sigma, or too little to matter", "any")
 """Limits of good and of usable, as text."""
 _LEAST_LEFT = 0.2
 """Share of the noise that must be left in the residuals of two parts that are fitted apart, to measure it."""
@@ -102,39 +102,62 @@ def find_change(
     scaled = [np.asarray(jacobian) / scale for jacobian in jacobians]
     known = np.array([jacobian.T @ jacobian for jacobian in scaled])
     pulls = np.array([j.T @ r for j, r in zip(scaled, residuals, strict=True)])
-    ridge = _RIDGE * np.eye(many)
-    whole = known.sum(axis=0) + ridge
+    whole = known.sum(axis=0) + _RIDGE * np.eye(many)
     rest = np.linalg.solve(whole, pulls.sum(axis=0))  # a robust fit does not end at the least squares
     squares = float(sum(((r - j @ rest) ** 2).sum() for j, r in zip(scaled, residuals, strict=True)))
     pulls = pulls - known @ rest
-    inverse = np.linalg.inv(whole)
+    fit = _Fit(known, pulls, squares, rows, np.linalg.inv(whole))
     orders = {"": np.arange(count), **{name: np.asarray(each) for name, each in (quantities or {}).items()}}
     tests = len(orders) * (count - 2 * FEWEST + 1)
-    best: tuple[float, Change] | None = None
+    least, best = CHANCE / tests, None
     for by, values in orders.items():
         order = np.argsort(values, kind="stable")
         for cut in range(FEWEST, count - FEWEST + 1):
-            parts = order[:cut], order[cut:]
-            own = [known[part].sum(axis=0) + ridge for part in parts]
-            steps = [np.linalg.solve(a, pulls[part].sum(axis=0)) for a, part in zip(own, parts, strict=True)]
-            gained = sum(float(pulls[p].sum(axis=0) @ step) for p, step in zip(parts, steps, strict=True))
-            noise = (squares - gained) / max(rows - 2 * many, 1)
-            left, shared = 0.0, 0.0
-            for part, a, step in zip(parts, own, steps, strict=True):
-                rests = pulls[part] - known[part] @ step
-                shared += float(np.einsum("ni,ij,nj->", rests, inverse, rests))
-                explained = known[part] @ np.linalg.solve(a, known[part])
-                left += float(np.einsum("ij,nji->", inverse, known[part] - explained))
-            if noise <= 0.0 or left < _LEAST_LEFT * many or rows <= 2 * many:
-                continue
-            freedom = rows - 2 * many
-            if shared / left > noise:
-                noise, freedom = shared / left, count - 2
-            chance = float(f_distribution.sf(gained / noise / many, many, freedom))
-            if chance * tests < CHANCE and (best is None or chance < best[0]):
-                covariance = noise * (np.linalg.inv(own[0]) + np.linalg.inv(own[1]))
-                first, second = (step / scale for step in steps)
+            found = fit.compare(order[:cut], order[cut:])
+            if found is not None and found[0] < least:
+                least, (first, second), covariance = found
+                first, second, sigma = first / scale, second / scale, np.sqrt(np.diag(covariance)) / scale
                 spread = np.outer(first, first) + np.outer(second, second)
-                sigma = np.sqrt(np.diag(covariance)) / scale
-                best = chance, Change(by, ids[int(order[cut - 1])], second - first, sigma, spread)
-    return None if best is None else best[1]
+                best = Change(by, ids[int(order[cut - 1])], second - first, sigma, spread)
+    return best
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Fit:
+    """The linear fit to all samples, at its solution.
+
+    known: (N, P, P), information of each sample. pulls: (N, P), its gradient. squares: sum of squares of all
+    residuals. rows: their number. inverse: (P, P) of the information of all samples, to weigh directions.
+    """
+
+    known: Array
+    pulls: Array
+    squares: float
+    rows: int
+    inverse: Array
+
+    def compare(self, *parts: NDArray[np.integer]) -> tuple[float, list[Array], Array] | None:
+        """Fit two parts of the samples apart; None if too little residual is left to measure the noise.
+
+        Returns the probability that they differ as much by chance, the step of each part from the common
+        solution, and the covariance of the difference.
+        """
+        many = len(self.inverse)
+        own = [self.known[part].sum(axis=0) + _RIDGE * np.eye(many) for part in parts]
+        forces = [self.pulls[part].sum(axis=0) for part in parts]
+        steps = [np.linalg.solve(a, force) for a, force in zip(own, forces, strict=True)]
+        gained = sum(float(force @ step) for force, step in zip(forces, steps, strict=True))
+        freedom = self.rows - 2 * many
+        noise = (self.squares - gained) / max(freedom, 1)
+        left, shared = 0.0, 0.0
+        for part, a, step in zip(parts, own, steps, strict=True):
+            rests = self.pulls[part] - self.known[part] @ step
+            shared += float(np.einsum("ni,ij,nj->", rests, self.inverse, rests))
+            explained = self.known[part] @ np.linalg.solve(a, self.known[part])
+            left += float(np.einsum("ij,nji->", self.inverse, self.known[part] - explained))
+        if noise <= 0.0 or left < _LEAST_LEFT * many or freedom <= 0:
+            return None
+        if shared / left > noise:
+            noise, freedom = shared / left, len(self.known) - 2
+        chance = float(f_distribution.sf(gained / noise / many, many, freedom))
+        return chance, steps, noise * (np.linalg.inv(own[0]) + np.linalg.inv(own[1]))

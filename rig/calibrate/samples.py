@@ -13,7 +13,7 @@ from calibration.store import write_bytes
 from calibration.time_offset import TimedSignal, make_stream, turning_rate
 from calibration.verdict import Rejected
 from drivers.errors import CalibrationError, FormatError, InputError
-from drivers.formats import number_in, quote, read_csv_rows, time_ns_in, whole_in
+from drivers.formats import number_in, quote, read_csv_rows, read_json, time_ns_in, whole_in
 from drivers.images import SUFFIXES, encode_png, images_in_order
 from drivers.types import Image, Pose
 from rig.version import version_text
@@ -36,8 +36,8 @@ def has_simulated_samples(folder: Path) -> bool:
     if not path.is_file():
         return False
     try:
-        return bool(json.loads(path.read_bytes())["simulated"])
-    except (OSError, ValueError, KeyError, TypeError) as error:
+        return bool(read_json(path)["simulated"])
+    except (FormatError, KeyError, TypeError) as error:
         raise InputError(
             f"{path}: cannot be read, so it is unknown whether these samples are simulated; write "
             '{"simulated": true} or {"simulated": false} into it'

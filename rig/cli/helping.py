@@ -1,6 +1,5 @@
 """Groups and commands of `rig`: options from dataclasses, and messages about misspelt names."""
 
-import json
 import re
 import sys
 from collections.abc import Callable
@@ -15,13 +14,12 @@ from typer.core import TyperCommand, TyperGroup
 from typer.main import get_command
 
 from drivers.errors import FormatError, nearest
-from drivers.formats import read_bounded
+from drivers.formats import read_json
 from rig.declared import is_given, with_options
 from rig.terminal.screen import begin_phase
 
 SIMULATED_BENCHES = ("fake", "hard", "wire")
 """The built-in benches."""
-_MOST_BYTES = 10_000_000
 
 
 class Commands(typer.Typer):
@@ -85,7 +83,7 @@ def _stored_bench(session: Path) -> str:
     The session is read and checked later: this takes no time.
     """
     try:
-        manifest = json.loads(read_bounded(session / "session.json", _MOST_BYTES))
+        manifest = read_json(session / "session.json")
         return f"{'SIMULATED ' if manifest['simulated'] else ''}bench '{manifest['bench']}'"
     except (OSError, FormatError, ValueError, KeyError, TypeError):
         return ""

@@ -118,9 +118,7 @@ def stop_on_signals() -> None:
         if number == signal.SIGHUP:
             discard(terminals)
         if received == 1:
-            _say_if_possible(
-                "stopping; a connected bench is made safe first; Ctrl-C again stops all motion at once ..."
-            )
+            _say_if_possible("stopping safely; Ctrl-C again stops at once, all motion included ...")
             raise OperatorStopError("stopped by the operator; finished results are kept")
         if received == 2:
             _say_if_possible("stopping all motion at once ...")

@@ -292,8 +292,14 @@ def check_readme(path: Path, name: str) -> None:
 
 
 def write_section(path: Path, name: str, section: str) -> None:
-    """Replace the lines between the two markers. Raises `InputError` if the markers are missing."""
+    """Replace the lines between the two markers, and name the version that measured them.
+
+    Raises `InputError` if the markers are missing.
+    """
     check_readme(path, name)
     begin, end = markers(name)
     head, _, rest = path.read_text(encoding="utf-8").partition(begin)
-    path.write_text(f"{head}{begin}\n{section}\n{end}{rest.partition(end)[2]}", encoding="utf-8")
+    path.write_text(
+        f"{head}{begin}\n{section}\n\nMeasured with rig {version_text()}.\n{end}{rest.partition(end)[2]}",
+        encoding="utf-8",
+    )

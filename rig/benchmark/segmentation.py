@@ -20,11 +20,11 @@ from rig.benchmark.measured import Measured, at_least, at_most, data_folder, inf
 from rig.calibrate.press_folder import read_circled
 from rig.declared import option
 from rig.frames.masks import CLASSICAL, FrameSegmenter, SegmentChoice, make_segmenter, segmenter_maker
-from rig.labels.polygons import agreement
 from rig.tactile.contact.background import auto_background
 from rig.tactile.contact.network import SHIPPED, NetworkInput, compared_planes, frame_planes, load_network
 from rig.tactile.contact.relative import RelativeDifference
 from rig.training.examples import Examples, examples_of, simulated_examples
+from rig.training.scores import score_masks
 
 NETWORKS = {"deeplabv3plus": "DeepLabV3+", "unetplusplus": "UNet++", "pspnet": "PSPNet"}
 """The paper's networks by their names in `rig train`, in the order of the paper."""
@@ -88,6 +88,9 @@ class TrainedRow:
     fold: str = column("fold")
     dice: MeanStd | None = column("Dice", lambda dice: "not trained yet" if dice is None else str(dice))
     iou: MeanStd | None = column("IoU")
+    used: float | None = column(
+        "Dice as used", ".3f", "with the parts that the network missed, as in rig segment"
+    )
     ms: float | None = column("ms", ".1f", "frame in to mask out, in the training's run")
     trained: str | None = column("trained (images x epochs)", doc="settings, size of the network's input")
     paper_dice: str | None = column("paper's Dice")
@@ -131,7 +134,9 @@ def measure(options: SegmentationOptions, run: Run) -> Report:
     """
     given = parse_models(options.model or [], (*NETWORKS, OURS))
     shipped = {name: name for name in SHIPPED}
-    models = {**shipped, **{name: str(file) for name, file in given.items()}, CLASSICAL: CLASSICAL}
+    named = {**shipped, **{name: str(file) for name, file in given.items()}, CLASSICAL: CLASSICAL}
+    models = {name: SegmentChoice(model) for name, model in named.items()}
+    alone = {f"{OURS}, network alone": SegmentChoice(named[OURS], alone=True)}
     data = data_folder()
     real = {REAL: read_panels(data / PANELS)} if data and (data / PANELS).is_dir() else {}
     real |= {f"{PRESSES}, {folder.name}": read_presses(folder) for folder in options.presses or ()}
@@ -146,10 +151,11 @@ def measure(options: SegmentationOptions, run: Run) -> Report:
     }
 
     def score(method: str) -> list[MethodScore]:
-        return [score_examples(method, models[method], title, of) for title, of in sets.items()]
+        choice = (models | alone)[method]
+        return [score_examples(method, choice, title, of) for title, of in sets.items()]
 
     # one worker, in this process, because the simulated frames are in its memory
-    scores = [row for of in run.each(score, list(models), workers=1) for row in of]
+    scores = [row for of in run.each(score, [*models, *alone], workers=1) for row in of]
     run.say("measuring run time: methods alternate, one thread")
     times = measure_times(models, sets[RANDOMISED])
     title = f"Run time, one thread, {FRAME_SIZE[0]} x {FRAME_SIZE[1]} px, median, methods turn about"
@@ -159,7 +165,7 @@ def measure(options: SegmentationOptions, run: Run) -> Report:
             table_of("Contacts found, shipped networks", scores, left=2),
             table_of(title, times),
         ),
-        limits=(*_limits(scores, times), _threads_agree(models[OURS], sets[RANDOMISED])),
+        limits=(*_limits(scores, times), _threads_agree(named[OURS], sets[RANDOMISED])),
         limits_of="the shipped networks",
     )
 
@@ -176,10 +182,11 @@ def table_two() -> Table:
             dice, iou = MeanStd(kept["dice"], kept["dice_std"]), MeanStd(kept["iou"], kept["iou_std"])
             size, images = "{}x{} px".format(*kept["size_px"]), kept["images"]["train"]
             trained = f"{kept['settings']}: {size}, {images} x {kept['epochs']}"
-            rows.append(TrainedRow(*key, dice, iou, kept["ms_per_frame"], trained, *paper))
+            used = kept["as_used"] and kept["as_used"]["dice"]
+            rows.append(TrainedRow(*key, dice, iou, used, kept["ms_per_frame"], trained, *paper))
         else:
-            rows.append(TrainedRow(*key, None, None, None, None, *paper))
-    title = "Table II: test objects of each fold, SIMULATED, units of one make; the paper's are real. "
+            rows.append(TrainedRow(*key, None, None, None, None, None, *paper))
+    title = "Table II: networks alone, test objects of each fold, SIMULATED, units of one make; paper: real. "
     title += "ms: frame in to mask out, in the training's run"
     return table_of(title, rows, left=2)
 
@@ -222,22 +229,14 @@ def parse_models(texts: Sequence[str], known: Sequence[str]) -> dict[str, Path]:
     return models
 
 
-def score_examples(method: str, model: str, title: str, examples: Examples) -> MethodScore:
+def score_examples(method: str, choice: SegmentChoice, title: str, examples: Examples) -> MethodScore:
     """Segment every frame with its own background. method, title: names of network and frames."""
-    make = segmenter_maker(SegmentChoice(model))
-    dice, iou, sizes = [], [], []
-    for frame, background, label in zip(examples.frames, examples.backgrounds, examples.labels, strict=True):
-        mask, true = _mask(make(background), frame), np.where(label > 127, 255, 0)
-        found = agreement(mask, true)
-        dice.append(found.dice)
-        iou.append(found.iou)
-        if true.any():
-            sizes.append(np.sqrt(np.count_nonzero(mask) / np.count_nonzero(true)))
-    by_dice, by_iou = (MeanStd(float(np.mean(of)), float(np.std(of))) for of in (dice, iou))
-    return MethodScore(method, title, len(dice), by_dice, by_iou, float(np.median(sizes)) if sizes else None)
+    found = score_masks(segmenter_maker(choice), examples)
+    dice, iou = MeanStd(found.dice, found.dice_std), MeanStd(found.iou, found.iou_std)
+    return MethodScore(method, title, len(examples), dice, iou, found.size_ratio)
 
 
-def measure_times(models: Mapping[str, str], examples: Examples) -> list[MethodTime]:
+def measure_times(models: Mapping[str, SegmentChoice], examples: Examples) -> list[MethodTime]:
     """Measure the run time of the methods in turn on the frames of one sensor, with one thread each.
 
     models: by method. Each method gets several frames in a row, because in use only one method runs, and
@@ -246,8 +245,8 @@ def measure_times(models: Mapping[str, str], examples: Examples) -> list[MethodT
     background = examples.backgrounds[0]
     pairs = zip(examples.frames, examples.backgrounds, strict=True)
     frames = [frame for frame, its_own in pairs if np.array_equal(its_own, background)]
-    segmenters = {name: make_segmenter(SegmentChoice(model), background) for name, model in models.items()}
-    networks = {name: load_network(model) for name, model in models.items() if model != CLASSICAL}
+    segmenters = {name: make_segmenter(choice, background) for name, choice in models.items()}
+    networks = {name: load_network(of.model) for name, of in models.items() if of.model != CLASSICAL}
     references = {name: RelativeDifference(background, network.size) for name, network in networks.items()}
     whole_ms: dict[str, list[float]] = {name: [] for name in segmenters}
     alone_ms: dict[str, list[float]] = {name: [] for name in networks}

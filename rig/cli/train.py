@@ -29,6 +29,14 @@ class TrainOptions:
     fold: list[str] | None = option(
         None, "Fold of the objects (paper, Table I): D_s1, D_s2 or D_s3; repeat for more."
     )
+    validate: list[str] | None = option(
+        None,
+        "In place of a fold, with --data FOLDER: the object, or a folder in FOLDER such as a session, that "
+        "chooses the best epoch; repeat for more. All others are trained on.",
+    )
+    test: list[str] | None = option(
+        None, "With --validate: object or folder to test on. Default: those of --validate."
+    )
     everything: bool = option(
         False, "Train all four networks on all three folds, as in the paper's Table II.", "--all"
     )
@@ -66,19 +74,26 @@ def train(options: TrainOptions) -> None:
     Examples:
       rig train --arch ours --images 9000 --epochs 10 --out runs/ours
       rig train --arch pspnet --fold D_s3 --data VISTASE --out runs/vistase --resume
+      rig train --data recordings --validate my_box --out runs/own
       rig train --all --units family --out runs/table2 --resume
     """
     require_training()
-    from rig.labels.datasets import FOLDS, find_fold
+    from rig.labels.datasets import FOLDS, find_fold, own_fold
     from rig.terminal.tables import console_table, table_console
     from rig.training.networks import ARCHITECTURES, find_architecture
     from rig.training.run import TrainSettings, checked_units, train_all
 
     data, architectures = options.data, ARCHITECTURES if options.everything else options.arch or ["ours"]
+    if options.validate and (data == "simulated" or options.fold or options.everything):
+        raise InputError("--validate: only with --data FOLDER, and without --fold and --all")
+    if options.test and not options.validate:
+        raise InputError("--test: name the objects that choose the best epoch as well, with --validate")
+    own = [own_fold(options.validate, options.test or ())] if options.validate else []
+    folds = own or list(map(find_fold, FOLDS if options.everything else options.fold or ["D_s3"]))
     settings = TrainSettings(
         data=data,
         architectures=tuple(map(find_architecture, architectures)),
-        folds=tuple(map(find_fold, FOLDS if options.everything else options.fold or ["D_s3"])),
+        folds=tuple(folds),
         encoder=options.encoder,
         images=options.images,
         epochs=options.epochs or (PAPER_EPOCHS if options.paper else EPOCHS),
@@ -93,13 +108,22 @@ def train(options: TrainOptions) -> None:
         cards = train_all(options.out, settings, options.resume, view)
     rows = []
     for card in cards:
-        test, int8 = card["test"], card["files"]["int8"]
+        test, used = card["test"], card["as_used"]
         scores = [f"{test[name]:.3f} ± {test[f'{name}_std']:.3f}" for name in ("dice", "iou")]
-        figures = *scores, f"{card['ms_per_frame']:.2f}", f"{int8['dice']:.3f}"
-        rows.append((card["title"], card["fold"]["name"], *figures, card["settings"]))
-    columns = ("network", "fold", "Dice", "IoU", "ms per frame", "int8 Dice", "settings")
+        small = [f"{card['files'][precision]['dice']:.3f}" for precision in ("fp16", "int8")]
+        figures = (
+            *scores,
+            *small,
+            "" if used is None else f"{used['dice']:.3f}",
+            f"{card['ms_per_frame']:.2f}",
+        )
+        rows.append((card["title"], card["fold"]["name"], *figures))
+    columns = ("network", "fold", "Dice", "IoU", "fp16 Dice", "int8 Dice", "Dice as used", "ms per frame")
     simulated = "SIMULATED objects" if all(card["simulated"] for card in cards) else "objects"
-    title = f"Test on {simulated} that are not in the training data, mean ± standard deviation"
+    unseen = not options.validate or options.test
+    of = "that are not in the training data" if unseen else "that chose the best epoch (others: --test)"
+    title = f"Test of the networks alone on {simulated} {of}, mean ± standard deviation. "
+    title += "As used: with parts that the network missed, as in rig segment"
     table_console(options.json).print(console_table(columns, rows, range(len(columns)), title))
     if options.json:
         emit_json({"out": str(options.out), "models": cards})

@@ -41,12 +41,13 @@ UNREADABLE = "unreadable"
 class SegmentChoice:
     """Method and settings of contact segmentation.
 
-    model: `classical`, a shipped network's name or an ONNX file. margin: as in `Segmenter`.
+    model: `classical`, a shipped network's name or an ONNX file. margin, alone: as in `Segmenter`.
     """
 
     model: str = DEFAULT_MODEL
     margin: float = 0.0
     threads: int = 1
+    alone: bool = False
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -119,7 +120,7 @@ def segmenter_maker(choice: SegmentChoice) -> MakeSegmenter:
     if choice.model == CLASSICAL:
         return lambda background: ClassicalSegmenter(background, choice.margin)
     network = load_network(choice.model, choice.threads)
-    return lambda background: Segmenter(network, background, choice.margin)
+    return lambda background: Segmenter(network, background, choice.margin, choice.alone)
 
 
 def make_segmenter(choice: SegmentChoice, background: Image | None) -> FrameSegmenter:

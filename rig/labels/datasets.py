@@ -32,7 +32,10 @@ _NUMBER = re.compile(r"(?<![0-9])0*([0-9]{1,3})(?![0-9])")
 
 @dataclass(frozen=True, slots=True)
 class Fold:
-    """Ids of the objects to train on, to validate on (choice of the best epoch) and to test on."""
+    """Ids of the objects to train on, to validate on (choice of the best epoch) and to test on.
+
+    A fold of one's own trains on all other objects, so `train` is empty; in it folders may stand for objects.
+    """
 
     name: str
     train: tuple[str, ...]
@@ -49,6 +52,9 @@ _PARTS = {
 FOLDS = {name: Fold(name, *(tuple(ids.split()) for ids in parts)) for name, parts in _PARTS.items()}
 
 
+OWN_FOLD = "own"
+
+
 def find_fold(name: str) -> Fold:
     """Return a fold by its name, ignoring case. Raises `InputError`."""
     found = next((fold for known, fold in FOLDS.items() if known.lower() == name.lower()), None)
@@ -57,14 +63,22 @@ def find_fold(name: str) -> Fold:
     return found
 
 
+def own_fold(validation: Sequence[str], test: Sequence[str]) -> Fold:
+    """Return a fold of one's own data, tested on the objects to validate on if no others are given."""
+    return Fold(OWN_FOLD, (), tuple(validation), tuple(test or validation))
+
+
 def check_objects(fold: Fold, present: Sequence[str], where: str) -> None:
     """Raise `InputError` unless training, validation and test objects are among those present."""
+    found = set(present)
+    others = found - set(fold.validation) - set(fold.test)
     for part, wanted in (("train", fold.train), ("validate", fold.validation), ("test", fold.test)):
-        if not set(wanted) & set(present):
+        if not (set(wanted) & found if wanted else others):
+            needs = f"one of {', '.join(wanted)}" if wanted else "one that is neither validated nor tested on"
             raise InputError(
-                f"{where}: no object to {part} with in fold {fold.name} (needs one of {', '.join(wanted)}; "
-                f"found {', '.join(sorted(set(present))) or 'none'}): name object folders by their number, "
-                "as 07_spam, or choose another --fold"
+                f"{where}: no object to {part} with in fold {fold.name} (needs {needs}; "
+                f"found {', '.join(sorted(found)) or 'none'}): choose with --validate OBJECT or --validate "
+                "FOLDER, or another --fold"
             )
 
 

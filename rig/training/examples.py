@@ -94,11 +94,15 @@ def load_examples(path: Path) -> Examples:
 
 
 def folder_examples(
-    folder: Path, size: tuple[int, int], progress: Callable[[int, int], None] = lambda done, total: None
+    folder: Path,
+    size: tuple[int, int],
+    progress: Callable[[int, int], None] = lambda done, total: None,
+    named: Sequence[str] = (),
 ) -> Examples:
     """Read all labelled images under a folder at (width, height) `size`. Raises `InputError`.
 
-    If the data has no frame without contact, one is estimated from the frames of each group.
+    If the data has no frame without contact, one is estimated from the frames of each group. named: objects
+    or folders of a fold of one's own; frames in such a folder count as an object of its name.
     """
     files = read_dataset(folder)
     made: dict[str, Image] = {}
@@ -108,7 +112,9 @@ def folder_examples(
         frame, label = resize(image, size), resize(file.label(image.shape[:2]), size)
         if file.group not in made:
             made[file.group] = _background(file, files, size)
-        rows.append((frame, made[file.group], label, file.object_id))
+        inside = file.image.relative_to(folder).parts[:-1]
+        object_id = next((name for name in named if name in inside), file.object_id)
+        rows.append((frame, made[file.group], label, object_id))
         progress(len(rows), len(files))
     return _stack(rows, any(file.simulated for file in files))
 

@@ -3,7 +3,6 @@
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from time import perf_counter
 from typing import Any
 
 import numpy as np
@@ -12,11 +11,10 @@ import torch
 from calibration.gel.look import GelLook, load_look
 from drivers.errors import InputError, unknown_name
 from fakes.studio.training_frames import RANDOM_SHAPE
-from rig.labels.datasets import Fold, check_objects
-from rig.labels.polygons import agreement
+from rig.frames.masks import SegmentChoice, segmenter_maker
+from rig.labels.datasets import OWN_FOLD, Fold, check_objects
 from rig.sessions.files import read_json, write_json
-from rig.tactile.contact.network import Network, Recipe, load_network
-from rig.tactile.contact.segmenter import Segmenter
+from rig.tactile.contact.network import NetworkInput, Recipe
 from rig.training.examples import (
     Examples,
     concatenate,
@@ -36,6 +34,7 @@ from rig.training.export import (
 )
 from rig.training.loop import Epoch, Report, Schedule, Training
 from rig.training.networks import OURS, Architecture
+from rig.training.scores import score_masks
 
 SIMULATED = "simulated"
 """Value of `data` for frames that are rendered for this training."""
@@ -103,32 +102,6 @@ EIGHT_BIT_LOSS = 0.005
 """Largest loss of mean Dice at which 8-bit precision counts as equal to full precision."""
 
 
-@dataclass(frozen=True, slots=True)
-class MaskScore:
-    """Mean and standard deviation of Dice and IoU over frames; median wall time, frame in to mask out, ms."""
-
-    dice: float
-    dice_std: float
-    iou: float
-    iou_std: float
-    ms: float
-
-
-def score(network: Network, examples: Examples) -> MaskScore:
-    """Segment every frame as `rig segment` does and compare it with its label."""
-    dice, iou, cost_s = [], [], []
-    for frame, background, label in zip(examples.frames, examples.backgrounds, examples.labels, strict=True):
-        segmenter = Segmenter(network, background)
-        began = perf_counter()
-        mask = segmenter.find(frame).mask
-        cost_s.append(perf_counter() - began)
-        found = agreement(mask, np.where(label > 127, 255, 0).astype(np.uint8))
-        dice.append(found.dice)
-        iou.append(found.iou)
-    shares = (float(figure(values)) for values in (dice, iou) for figure in (np.mean, np.std))
-    return MaskScore(*shares, ms=1e3 * float(np.median(cost_s)))
-
-
 def model_card(
     settings: TrainSettings,
     fold: Fold,
@@ -139,11 +112,18 @@ def model_card(
     """Return the card of a trained network, scored on the fold's test objects.
 
     data: frames to train on, to validate and to test with. files: ONNX files by precision, fp32 among them.
+    Every file is scored alone; "as_used" has the scores of the masks of `rig segment`, which also contain the
+    parts of a contact that the network has missed, for networks that compare with a frame without contact.
     """
     architecture, test = training.architecture, data[2]
-    scores = {precision: score(load_network(path), test) for precision, path in files.items()}
-    full = asdict(scores["fp32"])
-    full_ms = full.pop("ms")
+
+    def score(precision: str, alone: bool) -> dict[str, float]:
+        return asdict(score_masks(segmenter_maker(SegmentChoice(str(files[precision]), alone=alone)), test))
+
+    alone = {precision: score(precision, True) for precision in files}
+    compares = architecture.inputs is NetworkInput.FRAME_AND_DIFFERENCE
+    as_used = score("fp32", False) if compares else None
+    full_ms = (as_used or alone["fp32"])["ms"]
     height, width = training.size
     weights = settings.encoder_weights.name if settings.encoder_weights else "random"
     return {
@@ -171,24 +151,29 @@ def model_card(
             "wall_s": sum(epoch.wall_s for epoch in training.history),
             "cpu_s": sum(epoch.cpu_s for epoch in training.history),
         },
-        "test": full,
+        "test": _shares(alone["fp32"]),
+        "as_used": None if as_used is None else _shares(as_used),
         "ms_per_frame": full_ms,
         "files": {
             precision: {
                 **file_facts(files[precision]),
-                "dice": found.dice,
-                "ms_per_frame": found.ms,
-                "holds": abs(found.dice - full["dice"]) <= EIGHT_BIT_LOSS,
+                "dice": found["dice"],
+                "ms_per_frame": found["ms"],
+                "holds": abs(found["dice"] - alone["fp32"]["dice"]) <= EIGHT_BIT_LOSS,
             }
-            for precision, found in scores.items()
+            for precision, found in alone.items()
         },
         "torch": str(torch.__version__),
     }
 
 
+def _shares(score: Mapping[str, float]) -> dict[str, float]:
+    return {name: score[name] for name in ("dice", "dice_std", "iou", "iou_std")}
+
+
 def table_row(card: Mapping[str, Any]) -> dict[str, object]:
     """Return a card's row in the table of networks and folds."""
-    kept = "title ms_per_frame settings size_px data units seed images training".split()
+    kept = "title as_used ms_per_frame settings size_px data units seed images training".split()
     row = {"fold": card["fold"]["name"], "epochs": len(card["epochs"]), **card["test"]}
     return row | {key: card[key] for key in kept}
 
@@ -268,14 +253,18 @@ def fold_examples(
         everything = _make_examples(settings, fold, report)
         save_examples(kept, everything)
     check_objects(fold, everything.objects, settings.data)
-    train = everything.of((*fold.train, RANDOM_SHAPE))
+    others = set(everything.objects) - {*fold.validation, *fold.test}
+    train = everything.of((*fold.train, RANDOM_SHAPE) if fold.train else tuple(others))
     return train, everything.of(fold.validation), everything.of(fold.test)
 
 
 def _make_examples(settings: TrainSettings, fold: Fold, report: Report) -> Examples:
     size, few = settings.frame_size, max(24, round(VALIDATION_SHARE * settings.images))
     if settings.data != SIMULATED:
-        return folder_examples(Path(settings.data), size, lambda n, of: report("reading images", n / of))
+        named = (*fold.validation, *fold.test) if fold.name == OWN_FOLD else ()
+        return folder_examples(
+            Path(settings.data), size, lambda n, of: report("reading images", n / of), named
+        )
     wanted = (fold.train, settings.images, RANDOM_SHARE), (fold.validation, few, 0.0), (fold.test, few, 0.0)
     units, parts = {"family": settings.units == FAMILY, "look": settings.look}, []
     for number, (objects, count, share) in enumerate(wanted):
@@ -292,6 +281,7 @@ def _claim(folder: Path, settings: TrainSettings, resume: bool) -> None:
     """Make the folder, or check that it holds the same request. Raises `InputError`."""
     keys = ("data", "units", "encoder", "images", "epochs", "paper", "seed")
     asked = {key: getattr(settings, key) for key in keys}
+    asked["own"] = next((asdict(fold) for fold in settings.folds if fold.name == OWN_FOLD), None)
     manifest = folder / "training.json"
     if not manifest.exists():
         if folder.exists() and any(folder.iterdir()):

@@ -51,11 +51,14 @@ class Segmenter:
 
     background: (H, W, 3) uint8 RGB, a frame without contact; not needed for networks whose input is only the
     frame. margin: distance by which the outline is moved outwards (negative: inwards), as a fraction of the
-    image width, -0.2 to 0.2; 0 matches the labels. Raises `InputError`.
+    image width, -0.2 to 0.2; 0 matches the labels. alone: whether the parts that the network has missed are
+    left out; they are found with the background only. Raises `InputError`.
     """
 
-    def __init__(self, network: Network, background: Image | None = None, margin: float = 0.0) -> None:
-        self._network, self._margin = network, check_margin(margin)
+    def __init__(
+        self, network: Network, background: Image | None = None, margin: float = 0.0, alone: bool = False
+    ) -> None:
+        self._network, self._margin, self._alone = network, check_margin(margin), alone
         self._shape: tuple[int, ...] | None = None
         self._reference: RelativeDifference | None = None
         if network.recipe.inputs is NetworkInput.FRAME_AND_DIFFERENCE:
@@ -83,7 +86,7 @@ class Segmenter:
         size = (image.shape[1], image.shape[0])
         fine = cv2.resize(logits, size, interpolation=cv2.INTER_LINEAR)
         inside = np.asarray(fine > self._level, np.uint8)
-        if self._reference is not None:
+        if self._reference is not None and not self._alone:
             more = overlooked_part(np.asarray(logits > self._level, np.uint8), planes[:3])
             if more is not None:
                 inside |= np.asarray(cv2.resize(more, size, interpolation=cv2.INTER_NEAREST), np.uint8)

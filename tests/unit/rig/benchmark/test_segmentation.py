@@ -5,6 +5,7 @@ import pytest
 
 from fakes.studio.training_frames import hard_frames
 from rig.benchmark import segmentation
+from rig.frames.masks import SegmentChoice
 from rig.training.examples import examples_of
 
 
@@ -12,7 +13,7 @@ from rig.training.examples import examples_of
 def test_shipped_network_finds_the_contacts_of_hard_lifts() -> None:
     score = segmentation.score_examples(
         "ours",
-        "ours",
+        SegmentChoice("ours"),
         segmentation.HARD,
         examples_of(hard_frames(segmentation.HELD_OUT, 11), 60, segmentation.FRAME_SIZE),
     )

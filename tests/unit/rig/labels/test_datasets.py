@@ -11,12 +11,13 @@ from PIL import Image
 
 from drivers.errors import InputError
 from drivers.images import encode_png, read_image
-from rig.labels.datasets import FOLDS, check_objects, find_fold, object_of, read_dataset
+from rig.labels.datasets import FOLDS, check_objects, find_fold, object_of, own_fold, read_dataset
 from rig.labels.label_files import labelme_mask, read_label
 from rig.labels.polygons import agreement, contact_label
 from rig.sessions.codec import json_value
-from rig.sessions.files import MANIFEST, write_json
+from rig.sessions.files import MANIFEST, REFERENCES, write_json
 from rig.sessions.manifest import ReplayManifest, begin_manifest
+from rig.training.examples import folder_examples
 
 SHAPE = (60, 40)
 SQUARE = [[10.0, 20.0], [30.0, 20.0], [30.0, 50.0], [10.0, 50.0]]
@@ -174,6 +175,21 @@ def test_folds_keep_test_objects_from_training() -> None:
         find_fold("D_s4")
     with pytest.raises(InputError, match="test"):
         check_objects(FOLDS["D_s3"], ["1", "4"], "data")
+
+
+def test_one_own_object_is_trained_on_and_validated_by_a_folder_of_it(tmp_path: Path) -> None:
+    for day in ("monday", "tuesday"):
+        write_vistase(tmp_path / day, ("my_box",))
+        write_image(tmp_path / day / "my_box" / REFERENCES / "empty.png")
+    fold = own_fold(["tuesday"], [])
+    assert fold.test == ("tuesday",)
+    examples = folder_examples(tmp_path, (20, 30), named=fold.validation)
+    check_objects(fold, examples.objects, "data")
+    assert examples.objects == ("my_box",) * 3 + ("tuesday",) * 3
+    with pytest.raises(InputError, match=r"no object to train with .* found my_box"):
+        check_objects(own_fold(["my_box"], []), ["my_box"], "data")
+    with pytest.raises(InputError, match=r"no object to validate with .* found my_box.*--validate FOLDER"):
+        check_objects(own_fold(["sunday"], []), ["my_box"], "data")
 
 
 def test_an_objects_id_is_read_from_its_folder() -> None:

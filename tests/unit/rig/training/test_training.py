@@ -184,6 +184,8 @@ def test_a_run_writes_networks_and_cards_and_is_not_done_twice(tmp_path: Path) -
     assert {path.name for path in folder.glob("*.onnx")} == names
     assert cards[0]["images"]["test"] == 24
     assert cards[0]["training"]["cpu_s"] > 0.0
+    assert cards[0]["files"]["fp32"]["dice"] == cards[0]["test"]["dice"]
+    assert cards[0]["as_used"]["dice"] > cards[0]["test"]["dice"], "one epoch: the network finds little alone"
     stamp = (folder / "model.onnx").stat().st_mtime_ns
     assert train_all(tmp_path / "run", settings, True, lambda text, share: None) == cards
     assert (folder / "model.onnx").stat().st_mtime_ns == stamp

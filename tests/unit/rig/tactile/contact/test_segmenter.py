@@ -143,8 +143,8 @@ def panels(real_data: Path) -> Examples:
     return read_panels(real_data / PANELS)
 
 
-def dice(panels: Examples, margin: float = 0.0) -> list[float]:
-    segmenter = Segmenter(load_network("ours"), panels.backgrounds[0], margin)
+def dice(panels: Examples, margin: float = 0.0, alone: bool = False) -> list[float]:
+    segmenter = Segmenter(load_network("ours"), panels.backgrounds[0], margin, alone)
     pairs = zip(panels.frames, panels.labels, strict=True)
     return [agreement(segmenter.find(frame).mask, label).dice for frame, label in pairs]
 
@@ -155,6 +155,9 @@ def test_masks_agree_with_the_labels(panels: Examples) -> None:
     # an edge in a dark corner is the hardest of the nine; of the others none is missed by much
     assert scores[0] > 0.8
     assert scores[1] > 0.9
+    alone = sorted(dice(panels, alone=True))
+    assert alone[0] < 0.7, "the network alone misses half of that edge"
+    assert alone[1:] == pytest.approx(scores[1:], abs=0.01)
 
 
 @pytest.mark.heavy

@@ -69,7 +69,7 @@ def capture_hand_eye(
     try:
         while (target := next_pose()) is not None:
             name, pose = target
-            limit_s = arm_limit_s(bench.arm.state(), MOTION_TIMEOUT_S)
+            limit_s = arm_limit_s(MOTION_TIMEOUT_S, bench.arm.state())
             try:
                 motion = bench.arm.move_linear(pose, SPEED_M_S, ACCELERATION_M_S2)
             except OutOfLimitsError as error:

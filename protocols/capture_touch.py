@@ -6,6 +6,7 @@ same motion, each at its own times. The arm moves it up and down; without an arm
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 from drivers.bench import Bench
 from drivers.types import HandState, Holding, Pose
@@ -180,8 +181,8 @@ def capture_wiggle(
         observer.phase(Phase.LIFT, pump.seen_ns)
         for stroke in strokes:
             goal = touch.base_T_grasp.translated(z_m=stroke.height_m)
-            limit_s = arm_limit_s(pump.arm, MOTION_TIMEOUT_S)
             motion = bench.arm.move_linear(goal, stroke.speed_m_s, ACCELERATION_M_S2)
+            limit_s = partial(arm_limit_s, MOTION_TIMEOUT_S)
             pump.run_until(motion.is_done, limit_s, "the arm did not end a stroke")
         observer.phase(Phase.LOWER, pump.seen_ns)
         lower_and_release(bench, touch.base_T_grasp, touch.width_m, pump)

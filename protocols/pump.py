@@ -64,6 +64,8 @@ def share_left(untouched: Imprint, held: Imprint, now: Imprint) -> float:
     return float(np.sum(rest * contact)) / energy if energy > 0.0 else 0.0
 
 
+ArmLimit = Callable[[ArmState | None], float]
+"""Returns the time limit of a motion of the arm, s, for its newest state."""
 FRAME_TIMEOUT_S = 0.25
 """Time without a frame after which a source counts as silent."""
 JITTER = 0.1
@@ -150,15 +152,18 @@ class Pump:
         self.run_until(lambda: unless() or over(), duration_s + CATCH_UP_S, what)
         return not unless()
 
-    def run_until(self, done: Callable[[], bool], timeout_s: float, missed: str) -> None:
+    def run_until(self, done: Callable[[], bool], limit: float | ArmLimit, missed: str) -> None:
         """Deliver frames until `done`. Raises `DeviceTimeoutError`, or the error of a source.
 
-        missed: the failure to report after the time limit, such as "the arm did not stop".
+        limit: time limit, s. That of a motion of the arm is the largest one of all the arm's states since the
+        call, because its speed slider may be moved in the meantime. missed: the failure to report after it,
+        such as "the arm did not stop".
         """
-        deadline = self._bench.clock.now_ns() + to_ns(timeout_s)
+        began_ns, limit_s = self._bench.clock.now_ns(), 0.0
         while not done():
-            if self._bench.clock.now_ns() > deadline:
-                raise DeviceTimeoutError(self._late(missed, timeout_s))
+            limit_s = max(limit_s, limit(self.arm)) if callable(limit) else limit
+            if self._bench.clock.now_ns() > began_ns + to_ns(limit_s):
+                raise DeviceTimeoutError(self._late(missed, limit_s))
             self._deliver(*self._next())
 
     def _late(self, missed: str, timeout_s: float) -> str:

@@ -1,6 +1,7 @@
 """One lift of the slip trial (paper, section IV-B): reference, grasp, lift, hold, set down."""
 
 from dataclasses import dataclass
+from functools import partial
 
 from drivers.bench import Bench
 from drivers.clock import NS_PER_S
@@ -85,12 +86,11 @@ def run_lift(bench: Bench, plan: LiftPlan, observer: LiftObserver, reaction: Rea
 
 def _rise(bench: Bench, pump: Pump, plan: LiftPlan, reflex: Reflex) -> bool:
     """Lift, with reactions if the object slips; return whether the full height was reached."""
-    limit_s = arm_limit_s(pump.arm, LIFT_TIMEOUT_S)
     while True:
         rising = lift(bench, plan.base_T_grasp, plan.lift_height_m, LIFT_S)
         pump.run_until(
             lambda motion=rising: reflex.has_slip() or motion.is_done(),
-            limit_s,
+            partial(arm_limit_s, LIFT_TIMEOUT_S),
             "the arm did not reach the lift height",
         )
         if not reflex.has_slip():

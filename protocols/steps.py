@@ -11,6 +11,7 @@ requested one, and every release with a check of the tactile images.
 
 from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -117,7 +118,7 @@ def guard(bench: Bench, motion: Motion, before: ArmState) -> Motion:
     return PolledMotion("arm", bench.clock, has_ended, bench.arm.stop)
 
 
-def arm_limit_s(state: ArmState | None, full_speed_s: float) -> float:
+def arm_limit_s(full_speed_s: float, state: ArmState | None) -> float:
     """Return the time limit of a motion of the arm, from the limit at full speed and the arm's newest state.
 
     The speed slider on the pendant slows all motions. An arm that reports no slider moves at full speed.
@@ -140,14 +141,11 @@ def go(
     """
     before = bench.arm.state()
     motion = move(bench, target, speed_m_s, before, acceleration_m_s2)
-    _wait(pump, motion, arm_limit_s(before, full_speed_s), "the arm")
-
-
-def _wait(pump: Pump | None, motion: Motion, limit_s: float, mover: str) -> None:
     if pump is None:
-        motion.wait(limit_s)
+        motion.wait(arm_limit_s(full_speed_s, before))
     else:
-        pump.run_until(motion.is_done, limit_s, f"{mover} did not end the motion")
+        limit_s = partial(arm_limit_s, full_speed_s)
+        pump.run_until(motion.is_done, limit_s, "the arm did not end the motion")
 
 
 def move_fingers(bench: Bench, opening_m: float, pump: Pump | None = None) -> GripperState:
@@ -166,7 +164,10 @@ def move_fingers(bench: Bench, opening_m: float, pump: Pump | None = None) -> Gr
     if pump is not None:
         pump.expect_fingers(None)
     motion = bench.gripper.move_to(opening_m, float(np.clip(FINGER_SPEED_M_S, *bench.gripper.spec.speed_m_s)))
-    _wait(pump, motion, MOTION_TIMEOUT_S, "the fingers")
+    if pump is None:
+        motion.wait(MOTION_TIMEOUT_S)
+    else:
+        pump.run_until(motion.is_done, MOTION_TIMEOUT_S, "the fingers did not end the motion")
     reached = bench.gripper.state()
     problem = _problem(reached, opening_m, opens, bench.gripper.spec)
     if problem is None:

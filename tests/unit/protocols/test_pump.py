@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
@@ -13,12 +14,14 @@ from hypothesis import strategies as st
 from drivers.bench import Bench
 from drivers.clock import to_ns
 from drivers.errors import DeviceError, DeviceTimeoutError, StaleFrameError
-from drivers.types import Frame, Image
+from drivers.types import ArmState, Frame, Image
 from fakes.clock import SimulatedClock
+from fakes.devices.arm import FakeArm
 from fakes.devices.camera import FakeSource, Shutter
 from fakes.faults import FaultScript
 from protocols.observer import LiftObserver
 from protocols.pump import LEFT_SHARE, Imprint, Pump, imprint, share_left
+from protocols.steps import arm_limit_s
 from rig.bench.assembly import build_bench
 from rig.config import load_bench
 
@@ -148,6 +151,22 @@ def test_time_limit_names_what_was_missed_and_the_devices_if_frames_are_in_time(
         pump.run_until(lambda: False, 1.5, "the arm did not stop")
     assert str(raised.value).startswith("bench: the arm did not stop within 1.5 s; check the devices")
     assert "if the computer may be overloaded, end other programs on it" in str(raised.value)
+
+
+def test_time_limit_of_the_arm_follows_a_speed_slider_that_is_moved_during_the_motion(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    bench, state = build_bench(BENCH)[0], FakeArm.state
+    moved_ns = to_ns(0.4)
+
+    def with_slider(arm: FakeArm) -> ArmState:
+        fraction = 1.0 if bench.clock.now_ns() < moved_ns else 0.1
+        return replace(state(arm), speed_fraction=fraction)
+
+    monkeypatch.setattr(FakeArm, "state", with_slider)
+    with pumping(bench) as pump, pytest.raises(DeviceTimeoutError, match="within 3 s"):
+        pump.run_until(lambda: False, partial(arm_limit_s, 0.3), "the arm did not end the motion")
+    assert bench.clock.now_ns() == pytest.approx(to_ns(3.2), abs=to_ns(0.1))
 
 
 def test_time_limit_names_the_overloaded_computer_if_frames_are_late() -> None:

@@ -42,4 +42,4 @@ def test_table_two_has_a_row_per_network_and_fold_with_training_settings() -> No
         row = rows[kept["title"], kept["fold"]]
         width, height = kept["size_px"]
         assert row[2].startswith(f"{kept['dice']:.3f}")
-        assert f"{width}x{height} px, {kept['images']['train']} x {kept['epochs']}" in row[5]
+        assert f"{width}x{height} px, {kept['images']['train']} x {kept['epochs']}" in row[6]

@@ -13,6 +13,7 @@ from drivers.errors import InputError, unknown_name
 from fakes.studio.training_frames import RANDOM_SHAPE
 from rig.frames.masks import SegmentChoice, segmenter_maker
 from rig.labels.datasets import OWN_FOLD, Fold, check_objects
+from rig.sessions.codec import json_value
 from rig.sessions.files import read_json, write_json
 from rig.tactile.contact.network import NetworkInput, Recipe
 from rig.training.examples import (
@@ -178,7 +179,7 @@ def table_row(card: Mapping[str, Any]) -> dict[str, object]:
     return row | {key: card[key] for key in kept}
 
 
-CHECKPOINT = "checkpoint.pt"
+CHECKPOINT, MANIFEST = "checkpoint.pt", "training.json"
 TABLE = "table2.json"
 """Results of all networks, in the form of `rig/models/table2.json`."""
 VALIDATION_SHARE = 0.2
@@ -191,7 +192,7 @@ def train_all(folder: Path, settings: TrainSettings, resume: bool, report: Repor
     Each finished network is on disk in `folder/<network>_<fold>`. With `resume` it is not trained again, and
     an unfinished training continues after its last epoch. Raises `InputError`.
     """
-    _claim(folder, settings, resume)
+    check_folder(folder, settings, resume)
     if settings.threads is not None:
         torch.set_num_threads(settings.threads)
     cards = []
@@ -247,12 +248,12 @@ def fold_examples(
 ) -> tuple[Examples, Examples, Examples]:
     """Return the frames to train on, to validate and to test with, of one fold."""
     kept = folder / f"frames_{fold.name}.npz"
-    if kept.exists():
-        everything = load_examples(kept)
-    else:
-        everything = _make_examples(settings, fold, report)
-        save_examples(kept, everything)
+    everything = load_examples(kept) if kept.exists() else _make_examples(settings, fold, report)
     check_objects(fold, everything.objects, settings.data)
+    if not kept.exists():
+        folder.mkdir(parents=True, exist_ok=True)
+        write_json(folder / MANIFEST, _request(settings))
+        save_examples(kept, everything)
     others = set(everything.objects) - {*fold.validation, *fold.test}
     train = everything.of((*fold.train, RANDOM_SHAPE) if fold.train else tuple(others))
     return train, everything.of(fold.validation), everything.of(fold.test)
@@ -277,17 +278,19 @@ def _make_examples(settings: TrainSettings, fold: Fold, report: Report) -> Examp
     return concatenate(parts)
 
 
-def _claim(folder: Path, settings: TrainSettings, resume: bool) -> None:
-    """Make the folder, or check that it holds the same request. Raises `InputError`."""
+def _request(settings: TrainSettings) -> dict[str, Any]:
+    """Return the settings that all networks in a folder share."""
     keys = ("data", "units", "encoder", "images", "epochs", "paper", "seed")
-    asked = {key: getattr(settings, key) for key in keys}
-    asked["own"] = next((asdict(fold) for fold in settings.folds if fold.name == OWN_FOLD), None)
-    manifest = folder / "training.json"
+    own = next((fold for fold in settings.folds if fold.name == OWN_FOLD), None)
+    return {key: getattr(settings, key) for key in keys} | {"own": own and json_value(own)}
+
+
+def check_folder(folder: Path, settings: TrainSettings, resume: bool) -> None:
+    """Raise `InputError` unless the folder is empty, or is to be resumed and holds the same request."""
+    asked, manifest = _request(settings), folder / MANIFEST
     if not manifest.exists():
         if folder.exists() and any(folder.iterdir()):
             raise InputError(f"{folder} is not empty and holds no training: give another --out")
-        folder.mkdir(parents=True, exist_ok=True)
-        write_json(manifest, asked)
         return
     if not resume:
         raise InputError(

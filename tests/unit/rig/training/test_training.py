@@ -176,6 +176,7 @@ def test_augmentation_keeps_colours_in_order_and_mirrors_nothing() -> None:
         assert columns.mean() < 28
 
 
+@pytest.mark.heavy
 def test_a_run_writes_networks_and_cards_and_is_not_done_twice(tmp_path: Path) -> None:
     settings = TrainSettings("simulated", (OURS,), (FOLDS["D_s3"],), "resnet18", 48, 1, False, 0, threads=1)
     cards = train_all(tmp_path / "run", settings, False, lambda text, share: None)

@@ -71,11 +71,11 @@ def attempt_lift(
                 # the delays include the work of all others.
                 observers = recording.received, measurement, recording.outlines, viewers, delays
                 run_lift(bench, plan, LiftObservers(measurement, *observers), reaction)
+                delays.check_clocks()
         except (DeviceError, CalibrationError) as error:
             lift = replace(lift, fault=fault_text(error), bench_s=delays.spent_s())
         else:
-            lift = replace(lift, bench_s=delays.spent_s(), clock_rates=delays.clock_rates() or None)
-            lift = evaluate_lift(measurement, lift)
+            lift = evaluate_lift(measurement, replace(lift, bench_s=delays.spent_s()))
         for series in (lift.angles or {}).values():
             recording.store(series)
         if lift.displaced:

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from drivers.clock import NS_PER_S, Clock, SystemClock, to_ns
+from drivers.errors import DeviceError
 from drivers.images import encode_jpeg
 from drivers.types import ArmState, Frame, GripperState
 from protocols.observer import NO_EVENTS, LiftEvents, LiftObserver, Phase, ReactionStep
@@ -216,6 +217,16 @@ class FrameDelays(LiftEvents):
         common = max(0.0, min(growth.values(), default=0.0)) if len(growth) > 1 else 0.0
         rates = {serial: 1.0 - (g - common) for serial, g in growth.items()}
         return {serial: round(rate, 3) for serial, rate in rates.items() if abs(rate - 1.0) > MOST_OFF_RATE}
+
+    def check_clocks(self) -> None:
+        """Raise `DeviceError` if stamps run at another speed: angle and markers cannot be compared then."""
+        if rates := self.clock_rates():
+            named = ", ".join(f"{name} at {rate:.2f}" for name, rate in rates.items())
+            raise DeviceError(
+                f"frames: time stamps at another speed than this computer's clock: {named}. If every lift "
+                "has this fault, the capture time in rig doctor must be 'kernel'; otherwise the computer is "
+                "overloaded: end other programs on it, or set a lower rate_hz in the bench file"
+            )
 
 
 def _growth(times_ns: Sequence[tuple[int, int]]) -> float | None:

@@ -163,9 +163,6 @@ def _about_setup(trial: Trial) -> Iterator[Notice]:
         worst, lag = max(lags, key=lambda pair: abs(pair[1].lag_s))
         what = f"Estimate and markers do not turn at the same time in {plural(len(lags), 'lift')}"
         yield Notice("bad", f"{what}, most in {worst.title}: {lag}.", clock_advice)
-    if rates := [lift for lift in trial.lifts if lift.clock_rates]:
-        where = f"{plural(len(rates), 'lift')}. In {rates[0].title}: {rates[0].warnings[0]}"
-        yield Notice("bad", f"Clocks run at a wrong speed in {where}.", clock_advice)
     if distances := [(lift, off) for lift in trial.lifts if (off := lift.marker_distance)]:
         worst, off = max(distances, key=lambda pair: abs(pair[1].seen_m / pair[1].placed_m - 1.0))
         where = f"{plural(len(distances), 'lift')}; most in {worst.title}"

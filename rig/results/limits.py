@@ -56,10 +56,6 @@ LIFT_FIGURES: Mapping[str, OfLift] = {
     },
     "abs_final_error_deg": lambda lift, _: _apart(lift.final_estimate_deg, lift.final_truth_deg),
     "onset_delay_s": lambda lift, _: lift.onset_delay_s,
-    # 0 without a warning, or if it cannot be measured
-    "clock_rate_off": lambda lift, _: max(
-        (abs(rate - 1.0) for rate in (lift.clock_rates or {}).values()), default=0.0
-    ),
     "dropped": lambda lift, _: sum(lift.dropped.values()),
     "contact_area_px": lambda lift, _: min(lift.contact_area_px.values(), default=None),
     "frame_p99_ms": _frame_ms,

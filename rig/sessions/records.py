@@ -393,10 +393,6 @@ class Lift:
         lambda m: m.measurement.watch and m.measurement.watch.thresholds(),
         optional=True,
     )
-    clock_rates: dict[str, float] | None = known_value(
-        "speed of the time stamps of sources divided by that of the clock, by name; only warnings",
-        default=None,
-    )
     angles: Annotated[dict[str, Angles] | None, _NotStored()] = field(
         default=None, compare=False, metadata=_UNSTORED
     )
@@ -462,11 +458,9 @@ class Lift:
     @property
     def warnings(self) -> tuple[str, ...]:
         """The reasons to doubt the figures of the lift, for a person."""
-        rates = ", ".join(f"{name} at {rate:.2f}" for name, rate in (self.clock_rates or {}).items())
         frozen = self.states.get("frozen", 0)
         repeats = f"a fingertip repeats its picture in {plural(frozen, 'frame')}: check its cable"
         found = (
-            f"time stamps at another speed than this computer's clock: {rates}" if rates else None,
             repeats if frozen else None,
             self.turns_against,
             self.lag if self.lag and self.lag.large else None,

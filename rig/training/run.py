@@ -286,7 +286,7 @@ def _request(settings: TrainSettings) -> dict[str, Any]:
 
 
 def check_folder(folder: Path, settings: TrainSettings, resume: bool) -> None:
-    """Raise `InputError` unless the folder is empty, or is to be resumed and holds the same request."""
+    """Raise `InputError` unless the folder is empty, or holds the same request and shall be resumed."""
     asked, manifest = _request(settings), folder / MANIFEST
     if not manifest.exists():
         if folder.exists() and any(folder.iterdir()):

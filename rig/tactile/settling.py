@@ -7,11 +7,11 @@ from drivers.clock import NS_PER_S, to_ns
 
 SETTLED_SHARE = 0.05
 """Largest relative change of a level that counts as no change."""
-LEAST_FRAMES, SETTLED_S = 2, 0.15
-"""Frames and time without change after which a contact has settled. Fingers that close step by step rest for
-a tenth of a second between two steps."""
-REFERENCE_FRAMES = 6
-"""Frames without change after which the estimators `ecc` and `kolamuri` no longer replace their reference."""
+SETTLED_S = 0.15
+"""Time without change after which a contact has settled. Fingers that close step by step rest for a tenth of
+a second between two steps."""
+REFERENCE_S = 0.08
+"""Time without change after which the estimators `ecc` and `kolamuri` no longer replace their reference."""
 NEW_GRASP_NS = NS_PER_S // 2
 """A contact after a longer time without contact is a new grasp; shorter gaps are failed detections."""
 
@@ -26,49 +26,32 @@ def has_changed(levels: Levels, before: Levels | None, share: float) -> bool:
     return any(abs(now / was - 1.0) > share for now, was in zip(levels, before, strict=True))
 
 
-class Steadiness:
-    """Tracks one contact from its first frame on; sets `settled` if its levels stay within `SETTLED_SHARE`.
-
-    frames: number of frames over which the levels have to stay, including the first. drifting: whether each
-    frame is compared with the previous one, which permits a slow drift; otherwise with the first.
-    """
-
-    def __init__(self, frames: int, drifting: bool = False) -> None:
-        self.settled = False
-        self._frames, self._drifting = frames, drifting
-        self._steady = 0
-        self._levels: Levels | None = None
-
-    def update(self, levels: Levels) -> bool:
-        """Process the levels of the next frame; return whether they have changed."""
-        moved = has_changed(levels, self._levels, SETTLED_SHARE)
-        if moved or self._drifting:
-            self._levels = levels
-        self._steady = 1 if moved else self._steady + 1
-        self.settled = self._steady >= self._frames
-        return moved
-
-
 class Settling:
     """Follows the levels of one contact from its first frame on.
 
     A contact that has settled once stays settled, so that a slip that moves it off the gel does not undo it.
+
+    steady_s: time for which the levels have to stay within `SETTLED_SHARE`. drifting: whether each frame is
+    compared with the previous one, which permits a slow drift; otherwise with the first one of that time.
     """
 
-    def __init__(self) -> None:
-        self.settled = False
-        """Whether the contact has stopped growing."""
-        self._steadiness = Steadiness(LEAST_FRAMES)
-        self._steady_ns = 0
+    def __init__(self, steady_s: float = SETTLED_S, drifting: bool = False) -> None:
+        self.settled = self.changed = False
+        """Whether the contact has stopped growing, and whether it changed in the newest frame before that."""
+        self._steady_ns, self._drifting = to_ns(steady_s), drifting
+        self._since_ns = 0
+        self._levels: Levels | None = None
 
     def update(self, levels: Levels, time_ns: int) -> bool:
         """Process the levels of the next frame; return whether the contact has settled in this frame."""
         if self.settled:
             return False
-        if self._steadiness.update(levels):
-            self._steady_ns = time_ns
-        long_enough = time_ns - self._steady_ns >= to_ns(SETTLED_S)
-        self.settled = self._steadiness.settled and long_enough
+        self.changed = has_changed(levels, self._levels, SETTLED_SHARE)
+        if self.changed:
+            self._since_ns = time_ns
+        if self.changed or self._drifting:
+            self._levels = levels
+        self.settled = not self.changed and time_ns - self._since_ns >= self._steady_ns
         return self.settled
 
 

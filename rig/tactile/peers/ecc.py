@@ -17,7 +17,7 @@ from drivers.types import Image
 from rig.tactile.contact.gate import Region, find_contact
 from rig.tactile.contact.relative import RelativeDifference, full_area, work_size
 from rig.tactile.sample import FreshFrameEstimator, SlipSample, State, Stopwatch
-from rig.tactile.settling import NEW_GRASP_NS, REFERENCE_FRAMES, Steadiness
+from rig.tactile.settling import NEW_GRASP_NS, REFERENCE_S, Settling
 
 NOISE_BLUR_PX = 1.0
 # Smallest rotational contrast of a reference (see `_contrast`). Below this the contact is round and its
@@ -112,19 +112,19 @@ class EccEstimator(FreshFrameEstimator):
             self._zero_rad += self._match.angle_rad
             self._release()
         self._seen_ns = time_ns
-        state = self._follow(_magnitude(difference), region)
+        state = self._follow(_magnitude(difference), region, time_ns)
         watch.lap("alignment")
         return self._answer(time_ns, state, region, watch)
 
-    def _follow(self, energy: Energy, region: Region) -> State:
+    def _follow(self, energy: Energy, region: Region, time_ns: int) -> State:
         if self._matcher is not None:
             found = self._matcher.match(energy, self._match)
             self._match = found or self._match
-            if found is None and self._steadiness.settled:
+            if found is None and self._growth.settled:
                 return State.LOST
-        elif self._steadiness.settled:
+        elif self._growth.settled:
             return State.UNOBSERVABLE
-        if not self._steadiness.settled and self._is_reference(region):
+        if self._growth.update(region.levels, time_ns) or self._growth.changed:
             self._rebase(energy, region)
             return State.UNOBSERVABLE if self._matcher is None else State.REKEYED
         return State.UNOBSERVABLE if self._matcher is None else State.TRACKING
@@ -145,11 +145,6 @@ class EccEstimator(FreshFrameEstimator):
             stage_s=watch.stage_s,
         )
 
-    def _is_reference(self, region: Region) -> bool:
-        """Track the growth of a contact; return whether this frame becomes the new reference."""
-        changed = self._steadiness.update(region.levels)
-        return changed or self._steadiness.settled
-
     def _rebase(self, energy: Energy, region: Region) -> None:
         """Make this frame the reference, at its estimated angle."""
         self._zero_rad += self._match.angle_rad
@@ -160,7 +155,7 @@ class EccEstimator(FreshFrameEstimator):
     def _release(self) -> None:
         self._match = Match(0.0, np.zeros(2))
         self._matcher: EccMatcher | None = None
-        self._steadiness = Steadiness(REFERENCE_FRAMES, drifting=True)
+        self._growth = Settling(REFERENCE_S, drifting=True)
 
 
 def _magnitude(difference: NDArray[np.float32]) -> Energy:

@@ -25,7 +25,7 @@ from rig.tactile.contact.dots import Points, find_dots, without_markers
 from rig.tactile.contact.finder import Contact, ContactFinder
 from rig.tactile.contact.relative import full_area
 from rig.tactile.sample import FreshFrameEstimator, SlipSample, State, Stopwatch, check_frame
-from rig.tactile.settling import NEW_GRASP_NS, REFERENCE_FRAMES, Steadiness
+from rig.tactile.settling import NEW_GRASP_NS, REFERENCE_S, Settling
 
 # Search radius of a marker as a fraction of the distance to its nearest neighbour.
 STEP_SHARE = 0.45
@@ -189,7 +189,7 @@ class KolamuriEstimator(FreshFrameEstimator):
         if self._seen_ns is not None and time_ns - self._seen_ns > NEW_GRASP_NS:
             self._release()
         self._seen_ns = time_ns
-        rekeyed = self._settle(image, contact)
+        rekeyed = self._settle(contact, time_ns)
         state, angle_deg = self._answer(image, contact.mask, rekeyed, watch)
         area = full_area(contact.area_px, image.shape, full)
         return SlipSample(time_ns, state, angle_deg, contact_area_px=area, stage_s=watch.stage_s)
@@ -226,14 +226,12 @@ class KolamuriEstimator(FreshFrameEstimator):
         watch.lap("rotation")
         return found
 
-    def _settle(self, image: Image, contact: Contact) -> bool:
+    def _settle(self, contact: Contact, time_ns: int) -> bool:
         """Track the growth of a contact; return whether this frame becomes the reference."""
-        if self._steadiness.settled:
+        if not self._growth.update((contact.area_px,), time_ns) and not self._growth.changed:
             return False
-        if self._steadiness.update((contact.area_px,)) or self._steadiness.settled:
-            self._rebase()
-            return True
-        return False
+        self._rebase()
+        return True
 
     def _rebase(self) -> None:
         """Drop the reference, and continue from the current angle."""
@@ -242,7 +240,7 @@ class KolamuriEstimator(FreshFrameEstimator):
 
     def _release(self) -> None:
         self._rebase()
-        self._steadiness = Steadiness(REFERENCE_FRAMES, drifting=True)
+        self._growth = Settling(REFERENCE_S, drifting=True)
 
 
 def _work_size(image: Image) -> tuple[int, int]:

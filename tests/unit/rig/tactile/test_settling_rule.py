@@ -8,30 +8,33 @@ from rig.contract_checks import gel, pressed_bar
 from rig.tactile.angles import FUSED, Angles
 from rig.tactile.estimators import ESTIMATORS, choose_estimator
 from rig.tactile.sample import SlipSample, State
-from rig.tactile.settling import SETTLED_S, Settling, SettlingByArea, Steadiness
+from rig.tactile.settling import SETTLED_S, Settling, SettlingByArea
 
 
-def settled_at(levels: list[float], frames: int, drifting: bool = False) -> list[bool]:
-    steadiness = Steadiness(frames, drifting)
-    settled = []
-    for level in levels:
-        steadiness.update((level,))
-        settled.append(steadiness.settled)
-    return settled
+def settled_at(levels: list[float], drifting: bool, rate_hz: float) -> list[bool]:
+    """Whether a contact with these levels, 30 ms apart and repeated at higher rates, has settled."""
+    settling, settled, repeats = Settling(0.06, drifting), [], round(0.03 * rate_hz)
+    for frame, level in enumerate(np.repeat(levels, repeats).tolist()):
+        settling.update((level,), to_ns(frame / rate_hz))
+        settled.append(settling.settled)
+    return settled[::repeats]
 
 
-def test_slow_drift_settles_only_relative_to_the_previous_frame() -> None:
+@pytest.mark.parametrize("rate_hz", [1000.0 / 30.0, 200.0])
+def test_slow_drift_settles_only_relative_to_the_previous_frame(rate_hz: float) -> None:
     drift = [100.0 * 1.03**frame for frame in range(6)]
-    assert not any(settled_at(drift, 3))
-    assert settled_at(drift, 3, drifting=True) == [False, False, True, True, True, True]
+    assert not any(settled_at(drift, False, rate_hz))
+    assert settled_at(drift, True, rate_hz) == [False, False, True, True, True, True]
 
 
 def test_every_level_must_be_constant_to_settle() -> None:
-    steadiness = Steadiness(2)
-    assert steadiness.update((100.0, 1.0))
-    assert steadiness.update((100.0, 1.2))
-    assert not steadiness.update((102.0, 1.2))
-    assert steadiness.settled
+    settling = Settling(0.01)
+    changed = []
+    for number, levels in enumerate([(100.0, 1.0), (100.0, 1.2), (102.0, 1.2)]):
+        settling.update(levels, to_ns(0.02 * number))
+        changed.append(settling.changed)
+    assert changed == [True, True, False]
+    assert settling.settled
 
 
 def test_contact_settles_by_its_area_after_frames_and_time_and_again_in_the_next_grasp() -> None:

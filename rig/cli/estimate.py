@@ -309,6 +309,8 @@ def explain(options: ExplainOptions) -> None:
     else:
         turn = explained_frames(options.frames, options.background, options.pixel_aspect, options.topic)
     write_file(options.out, encode_png(stages_picture(turn)))
+    for note in turn.notes:
+        say(note)
     say(f"turned by {turn.angle_deg:+.2f} deg (image angle) in {turn.apart_s:.2f} s")
     figures = {"picture": str(options.out), "angle_deg": turn.angle_deg, "sigma_deg": turn.sigma_deg}
     print_result(options.json, figures, options.out)

@@ -49,9 +49,10 @@ from rig.frames.clips import (
 from rig.frames.ros_bags import bag_images, bag_times, find_topic, rest_of_bag
 from rig.frames.times import (
     FrameTime,
-    checked_times,
+    check_times,
     clip_times,
     container_times,
+    replace_times,
     stamped_times,
     times_at_rate,
     times_from_table,
@@ -368,7 +369,8 @@ def _times(
         times, notes = clip_times(table, names, fps)
     else:
         times, notes = times_from_table(table, names), []
-    return times, (*notes, *checked_times(str(table), [time.time_ns for time in times]))
+    used, more = check_times(str(table), [time.time_ns for time in times])
+    return replace_times(times, used), (*notes, *more)
 
 
 def _video_facts(path: Path) -> tuple[list[int], int, float]:

@@ -93,8 +93,8 @@ class FrameSeries:
     """Frames in order; iterating reads them again each time.
 
     notes: assumptions and problems, for the user. empty: returns the frame without contact, if the dataset
-    provides it. simulated: whether a simulated sensor made them. count: number of frames, if it is
-    known without reading them.
+    provides it. simulated: whether a simulated sensor made them. times: of the frames, if they are known
+    without reading them.
     """
 
     name: str
@@ -102,7 +102,17 @@ class FrameSeries:
     notes: tuple[str, ...] = ()
     empty: Callable[[], Image | None] | None = None
     simulated: bool = False
-    count: int | None = None
+    times: Sequence[FrameTime] | None = None
+
+    @property
+    def count(self) -> int | None:
+        return None if self.times is None else len(self.times)
+
+    @property
+    def rate_hz(self) -> float:
+        """The usual frame rate, that of the median step; `FOLDER_FPS` if there is none."""
+        steps_ns = np.diff([time.time_ns for time in self.times or ()])
+        return float(NS_PER_S / np.median(steps_ns)) if np.any(steps_ns > 0) else FOLDER_FPS
 
     def __iter__(self) -> Iterator[TimedFrame]:
         """Read the frames. Raises `InputError` at the first one of another size."""
@@ -261,9 +271,9 @@ def _image_series(path: Path, timestamps: Path | None, fps: float | None) -> Fra
 
     notes = ("SIMULATED frames", *notes) if simulated else notes
     if background is None:
-        return FrameSeries(str(path), read, notes, simulated=simulated, count=len(files))
+        return FrameSeries(str(path), read, notes, simulated=simulated, times=times)
     notes = (*notes, f"{background.name}: the background, not a frame")
-    return FrameSeries(str(path), read, notes, partial(read_image, background), simulated, len(files))
+    return FrameSeries(str(path), read, notes, partial(read_image, background), simulated, times)
 
 
 def _image_files(folder: Path) -> list[Path]:
@@ -313,7 +323,7 @@ def _video_series(path: Path, timestamps: Path | None, fps: float | None) -> Fra
         finally:
             capture.release()
 
-    return FrameSeries(str(path), read, notes, count=count)
+    return FrameSeries(str(path), read, notes, times=times)
 
 
 def _array_series(path: Path, timestamps: Path | None, fps: float | None) -> FrameSeries:
@@ -326,18 +336,18 @@ def _array_series(path: Path, timestamps: Path | None, fps: float | None) -> Fra
 
     note = f"{path}: {plural(count, 'frame')} of {width} x {height} px, assumed to be RGB"
     notes = (note, RATE_ASSUMED) if timestamps is None and fps is None else (note, *notes)
-    return FrameSeries(str(path), read, notes, count=count)
+    return FrameSeries(str(path), read, notes, times=times)
 
 
 def _ros_series(path: Path, topic: str) -> FrameSeries:
     times, notes = stamped_times(f"{path}: {topic}", *bag_times(path, topic))
     order = np.argsort(times, kind="stable")
+    sorted_times = [FrameTime(seconds_text(time_ns), time_ns) for time_ns in times[order].tolist()]
 
     def read() -> Iterator[TimedFrame]:
         images = _in_order(bag_images(path, topic), order)
-        for number, (image, place) in enumerate(zip(images, order, strict=False)):
-            time_ns = int(times[place])
-            yield TimedFrame(str(number), FrameTime(seconds_text(time_ns), time_ns), image)
+        for number, (image, time) in enumerate(zip(images, sorted_times, strict=False)):
+            yield TimedFrame(str(number), time, image)
 
     if others := rest_of_bag(path):
         rest = f"{plural(len(others), 'more file')} ({', '.join(file.name for file in others[:3])})"
@@ -345,7 +355,7 @@ def _ros_series(path: Path, topic: str) -> FrameSeries:
             *notes,
             f"{path}: is one file of a bag with {rest}: give the folder to read all",
         ]
-    return FrameSeries(str(path), read, (f"{path}: {topic}", *notes))
+    return FrameSeries(str(path), read, (f"{path}: {topic}", *notes), times=sorted_times)
 
 
 def _in_order(images: Iterable[Image | None], order: NDArray[np.intp]) -> Iterator[Image | None]:

@@ -72,7 +72,9 @@ def label_angle(options: LabelAngleOptions) -> None:
             say(NO_BROWSER)
         while (labels := server.labels_written(timeout_s=0.2)) is None:
             pass
-    say(f"{plural(labels, 'label')} written to {out}")
-    say(f"the reference, 0 degrees, is one of them: rig benchmark clips compares the other {labels - 1}")
+    compared = (
+        f"the reference, 0 degrees, is one of them: rig benchmark clips compares the other {labels - 1}"
+    )
+    say(f"{plural(labels, 'label')} written to {out}\n{compared}")
     if options.json:
         emit_json({"out": str(out), "labels": labels, "frames": len(to_label.frames)})

@@ -6,9 +6,11 @@ three verdicts on them: they are used as they are; they are replaced, with a not
 checked frame by frame in `drivers.tally.StreamTimes`.
 """
 
+import re
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from decimal import Decimal
 from itertools import pairwise
 from pathlib import Path, PurePath
 
@@ -41,6 +43,9 @@ MOST_REPEATED = 0.5
 coarse."""
 _UNITS = {"ms": 1e3, "microseconds": 1e6, "ns": 1e9, "minutes": 1 / 60, "hours": 1 / 3600}
 USUAL_FPS = 1.0, 500.0
+_TIME_IN_NAME = re.compile(r"(?<![0-9.])(?:[0-9]+\.[0-9]+|[0-9]{13}|[0-9]{16}|[0-9]{19})(?![0-9.])")
+_SINCE_1970 = {"ms": 13, "microseconds": 16, "ns": 19}
+"""Number of digits of the time since 1970 in each unit, from 2001 to 2286."""
 MOST_DRIFT, LEAST_DRIFT_S = 0.05, 0.2
 """Stamps and times of receipt whose durations differ by more than this share, and time in s, are those of two
 clocks. Frames may arrive in bursts, so the durations of short streams differ."""
@@ -247,6 +252,34 @@ def ask_unit(step_s: float) -> str:
     low, high = USUAL_FPS
     guess = next((unit for unit, factor in _UNITS.items() if low <= factor / step_s <= high), "another unit")
     return f"are the times in {guess}?"
+
+
+def times_in_names(names: Sequence[str]) -> tuple[list[FrameTime], str] | None:
+    """Return the times that the names of frames consist of, and a note with their unit; None if they do not.
+
+    These are decimal numbers of s, some with at least three decimals, or ms, microseconds or ns since 1970.
+    They increase, at a usual frame rate.
+    """
+    found = [_TIME_IN_NAME.findall(PurePath(name).stem) for name in names]
+    if len(names) < 2 or any(len(of) != 1 for of in found):
+        return None
+    texts = [of[0] for of in found]
+    unit = next((unit for unit, digits in _SINCE_1970.items() if all(len(t) == digits for t in texts)), "s")
+    if unit == "s" and max(len(text.partition(".")[2]) for text in texts) < 3:
+        return None
+    times = [FrameTime(text, round(Decimal(text) * NS_PER_S / round(_UNITS.get(unit, 1)))) for text in texts]
+    steps = np.diff([time.time_ns for time in times])
+    rate = NS_PER_S / max(float(np.median(steps)), 1.0)
+    if steps.min() <= 0 or not USUAL_FPS[0] <= rate <= USUAL_FPS[1]:
+        return None
+    times = [
+        FrameTime(f"{time.time_ns / NS_PER_S:.9f}" if unit != "s" else time.text, time.time_ns)
+        for time in times
+    ]
+    return (
+        times,
+        f"times: those in the names, in {unit}, {rate:.3g} frames per second: if they are none, give --fps",
+    )
 
 
 def times_from_table(table: Path, names: Sequence[str]) -> list[FrameTime]:

@@ -135,6 +135,12 @@ def test_bag_with_constant_stamps_has_the_times_of_receipt(tmp_path: Path) -> No
     assert any("of receipt" in note for note in series.notes)
 
 
+def test_bag_whose_topic_has_two_frame_ids_is_refused(tmp_path: Path) -> None:
+    path = write_bag(tmp_path / "x.bag", {TOPIC: NUMBERED[:4]}, sensors=("tip_left", "tip_right"))
+    with pytest.raises(InputError, match="images of two sensors, 'tip_left' and 'tip_right'"):
+        read_frames(path)
+
+
 @pytest.mark.parametrize("suffix", [".mkv", ".webm", ".mp4", ".mov", ".avi"])
 def test_video_has_exact_times_or_those_of_its_container(tmp_path: Path, suffix: str) -> None:
     series = read_frames(write_video(tmp_path / f"x{suffix}", NUMBERED))

@@ -207,7 +207,7 @@ def _assess(
 
 
 def _fit_size(problem: Problem, found: Refined) -> tuple[float, Refined]:
-    """Fit the target's size, as a factor of the given one, which the robot's motion gives; also the new fit."""
+    """Fit the target's size, as a factor of the given one, which the robot's motion gives; and the fit."""
     size, fit = 1.0, found
     for _ in range(_SIZE_ROUNDS):
         missed, jacobian = linearise(_of_size(problem, size), fit.transforms)

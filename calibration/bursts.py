@@ -17,12 +17,12 @@ _UNEVEN = 0.5
 """Standard deviation of the number of samples per time, over its mean, above which bursts are not regular."""
 
 
-def spread_bursts(times_ns: Times, copied: NDArray[np.bool_] | None = None) -> tuple[Times, float]:
+def spread_bursts(times_ns: Times, copied: NDArray[np.bool_] | None = None) -> tuple[Times, float] | None:
     """Return times (N,) ns in which regular bursts are spread, and the interval of the bursts in s, else 0.
 
     The samples of a burst came evenly since the burst before, in their order. times_ns: sorted. copied: (N,)
-    samples that are copies of the one before: times that these share are returned unchanged. Raises
-    `ValueError` with the number of distinct times for irregular bursts.
+    samples that are copies of the one before: times that these share are returned unchanged. None for
+    irregular bursts.
     """
     begins = np.flatnonzero(np.diff(times_ns, prepend=times_ns[:1] - 10 * SAME_NS) > SAME_NS)
     sizes = np.diff(begins, append=len(times_ns))
@@ -30,7 +30,7 @@ def spread_bursts(times_ns: Times, copied: NDArray[np.bool_] | None = None) -> t
     if same or len(begins) < 3 or sizes[sizes > 1].sum() < MOST_SHARED * len(times_ns):
         return times_ns, 0.0
     if sizes.std() > _UNEVEN * sizes.mean():
-        raise ValueError(len(begins))
+        return None
     stamps = times_ns[begins]
     usual_ns = float(np.median(np.diff(stamps)))
     since_ns = np.minimum(np.diff(stamps, prepend=stamps[0]), 1.5 * usual_ns)

@@ -149,14 +149,14 @@ def _without_bursts(times: NDArray[np.int64], values: Array, name: str) -> tuple
     """
     order, spread = np.argsort(times, kind="stable"), np.empty_like(times)
     copied = np.all(np.diff(values[order], axis=0, prepend=np.nan) == 0.0, axis=1)
-    try:
-        spread[order], resolution_s = spread_bursts(times[order], copied)
-    except ValueError as error:
+    found = spread_bursts(times[order], copied)
+    if found is None:
         raise CalibrationError(
-            f"sync: {name}: {plural(len(times), 'sample')} share {error} times, irregularly: record the time "
-            "of each sample"
-        ) from error
-    return spread, resolution_s
+            f"sync: {name}: {plural(len(times), 'sample')} share their times irregularly: record the time of "
+            "each sample"
+        )
+    spread[order] = found[0]
+    return spread, found[1]
 
 
 def _in_order(times: NDArray[np.int64], usable: NDArray[np.bool_]) -> NDArray[np.int64]:

@@ -17,6 +17,7 @@ from drivers.video.reader import AddressedSource, FrameReader
 from drivers.video.stream import RawFrame, decode_frame
 from drivers.video.v4l2 import VideoNode, list_video_nodes
 from fakes.devices.desk import Demonstration, DeskDigit
+from rig.tactile.sample import TimedImage
 
 SENSORS = ("digit", "gelsight-mini", "plain")
 FAKE = "fake"
@@ -26,23 +27,13 @@ PLAIN_RATE_HZ = 30.0
 """Asked of a camera that no driver of ours knows: most USB cameras have it."""
 
 
-class ClipFrame(Protocol):
-    """A frame of a clip. image: (H, W, 3) uint8 RGB, None if it could not be read."""
-
-    @property
-    def time_ns(self) -> int: ...
-
-    @property
-    def image(self) -> Image | None: ...
-
-
 class Clip(Protocol):
     """Stored frames in order, as `rig.frames.series` reads them. rate_hz: their usual rate."""
 
     @property
     def rate_hz(self) -> float: ...
 
-    def __iter__(self) -> Iterator[ClipFrame]: ...
+    def __iter__(self) -> Iterator[TimedImage]: ...
 
 
 def live_sources(

@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 from itertools import islice, tee
 from pathlib import Path
 from time import perf_counter
-from typing import Protocol
 
 import numpy as np
 
@@ -30,6 +29,7 @@ from rig.tactile.sample import (
     SlipSample,
     State,
     TactileEstimator,
+    TimedImage,
     faults_of,
     has_colour,
 )
@@ -49,16 +49,6 @@ takes about 1 ms."""
 TIME_PERCENTILES = (50, 90, 99)
 FRAME_MS = "ms per frame with contact: median, 90 %, 99 %"
 """Heading of a column with the values of `frame_ms`."""
-
-
-class TimedImage(Protocol):
-    """A frame with its capture time. image: (H, W, 3) uint8 RGB, None if it could not be read."""
-
-    @property
-    def image(self) -> Image | None: ...
-
-    @property
-    def time_ns(self) -> int: ...
 
 
 @dataclass(frozen=True, slots=True)

@@ -44,8 +44,8 @@ coarse."""
 _UNITS = {"ms": 1e3, "microseconds": 1e6, "ns": 1e9, "minutes": 1 / 60, "hours": 1 / 3600}
 USUAL_FPS = 1.0, 500.0
 _TIME_IN_NAME = re.compile(r"(?<![0-9.])(?:[0-9]+\.[0-9]+|[0-9]{13}|[0-9]{16}|[0-9]{19})(?![0-9.])")
-_SINCE_1970 = {"ms": 13, "microseconds": 16, "ns": 19}
-"""Number of digits of the time since 1970 in each unit, from 2001 to 2286."""
+_SINCE_1970 = {13: "ms", 16: "microseconds", 19: "ns"}
+"""Units of the time since 1970 by number of digits, from 2001 to 2286."""
 MOST_DRIFT, LEAST_DRIFT_S = 0.05, 0.2
 """Stamps and times of receipt whose durations differ by more than this share, and time in s, are those of two
 clocks. Frames may arrive in bursts, so the durations of short streams differ."""
@@ -94,16 +94,13 @@ def check_times(where: str, times_ns: Sequence[int] | Times) -> tuple[Times, tup
         )
     if steps.size == 0:
         return given, ()
-    try:
-        times, burst_s = spread_bursts(given) if (steps == 0).any() else (given, 0.0)
-    except ValueError:
-        times, burst_s = given, 0.0
-    steps, repeated = np.diff(times), np.flatnonzero(np.diff(times) == 0) + 1
-    if repeated.size > MOST_REPEATED * len(times) or not steps.any() or burst_s > APART_S:
-        shared = np.flatnonzero(np.diff(given) == 0) + 1
+    repeated = np.flatnonzero(steps == 0) + 1
+    times, burst_s = (repeated.size and spread_bursts(given)) or (given, 0.0)
+    steps = np.diff(times)
+    if (steps == 0).sum() > MOST_REPEATED * len(times) or not steps.any() or burst_s > APART_S:
         raise InputError(
-            f"{where}: {shared.size} of {len(times)} frames have the time of the previous frame (first: "
-            f"frame {shared[0]}): times in whole seconds, or rounded as float32? Give finer times, or a "
+            f"{where}: {repeated.size} of {len(times)} frames have the time of the previous frame (first: "
+            f"frame {repeated[0]}): times in whole seconds, or rounded as float32? Give finer times, or a "
             "frame rate (--fps)"
         )
     if (far := np.flatnonzero(steps > _A_DAY_NS)).size:
@@ -117,18 +114,14 @@ def check_times(where: str, times_ns: Sequence[int] | Times) -> tuple[Times, tup
             f"{where}: {1.0 / step_s:.3g} frames per second by their times, {step_s:.3g} s apart: "
             f"{ask_unit(step_s)} Give times in s, or a frame rate (--fps)"
         )
-    notes = []
     if burst_s:
-        notes = [
-            f"times: several frames share one time, every {burst_s:.3g} s: they are spread over the time "
-            "since the one before"
-        ]
-    elif repeated.size:
-        notes = [
-            f"times: {plural(repeated.size, 'frame')} with the time of the previous frame (first: frame "
-            f"{repeated[0]}): not estimated, 'lost'"
-        ]
-    return times, tuple(notes)
+        return times, (f"times: frames share one time every {burst_s:.3g} s: spread since the one before",)
+    if repeated.size == 0:
+        return times, ()
+    return times, (
+        f"times: {plural(repeated.size, 'frame')} with the time of the previous frame (first: frame "
+        f"{repeated[0]}): not estimated, 'lost'",
+    )
 
 
 GAP_STEPS = 2.5
@@ -202,12 +195,12 @@ def _check_sorted(where: str, times: Times) -> tuple[Times, tuple[str, ...]]:
 
 def _compare_clocks(stamps: Times, received: Times) -> list[str]:
     """Return a warning if the stamps run at another speed than the clock of the receiver."""
-    by_stamps_s, received_s = (float(np.ptp(times)) / NS_PER_S for times in (stamps, received))
-    if abs(by_stamps_s - received_s) <= max(MOST_DRIFT * max(by_stamps_s, received_s), LEAST_DRIFT_S):
+    spans_s = by_stamps_s, received_s = [float(np.ptp(times)) / NS_PER_S for times in (stamps, received)]
+    if abs(by_stamps_s - received_s) <= max(MOST_DRIFT * max(spans_s), LEAST_DRIFT_S):
         return []
     return [
-        f"warning: the frames last {by_stamps_s:.3g} s by their stamps and {received_s:.3g} s by the times "
-        "of receipt: the stamps are used; was the bag played at another speed while it was recorded?"
+        f"warning: {by_stamps_s:.3g} s by the stamps, which are used, and {received_s:.3g} s by the times of "
+        "receipt: was the bag played at another speed?"
     ]
 
 
@@ -260,26 +253,19 @@ def times_in_names(names: Sequence[str]) -> tuple[list[FrameTime], str] | None:
     These are decimal numbers of s, some with at least three decimals, or ms, microseconds or ns since 1970.
     They increase, at a usual frame rate.
     """
-    found = [_TIME_IN_NAME.findall(PurePath(name).stem) for name in names]
-    if len(names) < 2 or any(len(of) != 1 for of in found):
+    texts = [text for name in names for text in _TIME_IN_NAME.findall(PurePath(name).stem)]
+    digits = {len(text) for text in texts if "." not in text}
+    unit = _SINCE_1970.get(min(digits, default=0), "s")
+    if len(names) < 2 or len(texts) != len(names) or len(digits) > 1:
         return None
-    texts = [of[0] for of in found]
-    unit = next((unit for unit, digits in _SINCE_1970.items() if all(len(t) == digits for t in texts)), "s")
-    if unit == "s" and max(len(text.partition(".")[2]) for text in texts) < 3:
+    if unit == "s" and (digits or max(len(text.partition(".")[2]) for text in texts) < 3):
         return None
-    times = [FrameTime(text, round(Decimal(text) * NS_PER_S / round(_UNITS.get(unit, 1)))) for text in texts]
-    steps = np.diff([time.time_ns for time in times])
-    rate = NS_PER_S / max(float(np.median(steps)), 1.0)
-    if steps.min() <= 0 or not USUAL_FPS[0] <= rate <= USUAL_FPS[1]:
+    times_ns = [round(Decimal(text) * NS_PER_S / round(_UNITS.get(unit, 1))) for text in texts]
+    rate = NS_PER_S / max(float(np.median(np.diff(times_ns))), 1.0)
+    if min(np.diff(times_ns)) <= 0 or not USUAL_FPS[0] <= rate <= USUAL_FPS[1]:
         return None
-    times = [
-        FrameTime(f"{time.time_ns / NS_PER_S:.9f}" if unit != "s" else time.text, time.time_ns)
-        for time in times
-    ]
-    return (
-        times,
-        f"times: those in the names, in {unit}, {rate:.3g} frames per second: if they are none, give --fps",
-    )
+    note = f"times: those in the names, in {unit}, {rate:.3g} frames per second; --fps sets others"
+    return [FrameTime(f"{time_ns / NS_PER_S:.9f}", time_ns) for time_ns in times_ns], note
 
 
 def times_from_table(table: Path, names: Sequence[str]) -> list[FrameTime]:

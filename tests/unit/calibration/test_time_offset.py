@@ -292,7 +292,7 @@ def test_irregular_bursts_are_refused() -> None:
     rng = np.random.default_rng(5)
     sizes = rng.choice([1, 12], 60)
     times = np.repeat(np.arange(60) * 10**8, sizes)
-    with pytest.raises(CalibrationError, match="irregularly: record the time of each sample"):
+    with pytest.raises(CalibrationError, match="share their times irregularly: record the time"):
         make_stream(times, rng.normal(size=len(times)), "camera")
 
 

@@ -34,6 +34,9 @@ def spread_bursts(times_ns: Times, copied: NDArray[np.bool_] | None = None) -> t
     stamps = times_ns[begins]
     usual_ns = float(np.median(np.diff(stamps)))
     since_ns = np.minimum(np.diff(stamps, prepend=stamps[0]), 1.5 * usual_ns)
-    since_ns[0] = usual_ns * min(1.0, sizes[0] / float(np.median(sizes)))
+    shares = np.minimum(sizes[[0, -1]] / float(np.median(sizes)), 1.0)  # the first and last are incomplete
+    since_ns[0], since_ns[-1] = usual_ns * shares[0], since_ns[-1] * shares[1]
+    stamps[-1] = min(stamps[-1], stamps[-2] + round(since_ns[-1]))
     later = np.repeat(begins + sizes - 1, sizes) - np.arange(len(times_ns))  # in the same burst
-    return times_ns - (np.repeat(since_ns / sizes, sizes) * later).astype(np.int64), usual_ns / 1e9
+    spread = np.repeat(stamps, sizes) - (np.repeat(since_ns / sizes, sizes) * later).astype(np.int64)
+    return spread, usual_ns / 1e9

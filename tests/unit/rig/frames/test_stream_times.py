@@ -74,6 +74,7 @@ def test_times_shared_by_regular_bursts_are_spread_with_a_note(shared_ns: NDArra
     times, (note,) = check_times("x", shared_ns)
     assert np.abs(times - EVEN_NS).max() < 0.06e9
     assert np.diff(times).min() > 0.01e9
+    assert np.diff(times).max() < 0.026e9
     assert "frames share one time every 0." in note
 
 

@@ -212,7 +212,6 @@ def desk_of(
     """
     from drivers.images import read_image
     from rig.bench.live_source import SENSORS, is_stored, live_sources, serial_of
-    from rig.frames.clips import clip_background
     from rig.frames.estimates import require_frames_suffice
     from rig.frames.series import read_frames
     from rig.live.desk import Desk, DeskSettings
@@ -232,16 +231,12 @@ def desk_of(
         raise InputError("--gel is for one sensor: leave it out, or give one source")
     choice = choose_estimator(options.estimator, gel=options.gel)
     require_frames_suffice(choice)
-    files = [
-        clip_background(Path(text))
-        if options.background is None and Path(text).is_dir()
-        else options.background
-        for text in texts
-    ]
+    given = None if options.background is None else read_image(options.background)
+    own = {text: clip.empty() for text, clip in clips.items() if given is None and clip.empty is not None}
     settings = DeskSettings(
         choice,
         signs=(1, 1) if options.same_side else (1, -1),
-        backgrounds=tuple(None if file is None else read_image(file) for file in files),
+        backgrounds=tuple(own.get(text, given) for text in texts),
         aspect=options.pixel_aspect,
         clips=folder,
         serials=tuple(map(serial_of, texts)),

@@ -300,10 +300,10 @@ def _image_series(path: Path, timestamps: Path | None, fps: float | None) -> Fra
         return (TimedFrame(f.name, t, load_image(f)) for f, t in zip(files, times, strict=True))
 
     notes = (*(["SIMULATED frames"] if simulated else []), *notes, *more)
-    if background is None:
-        return FrameSeries(str(path), read, notes, simulated=simulated, times=times)
-    notes = (*notes, f"{background.name}: the background, not a frame")
-    return FrameSeries(str(path), read, notes, partial(read_image, background), simulated, times)
+    empty = None if background is None else partial(read_image, background)
+    if background is not None:
+        notes = (*notes, f"{background.name}: the background, not a frame")
+    return FrameSeries(str(path), read, notes, empty, simulated, times)
 
 
 def _image_files(folder: Path) -> list[Path]:

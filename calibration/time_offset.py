@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 from scipy.spatial.transform import Rotation, Slerp
 
+from calibration.bursts import SAME_NS, spread_bursts
 from calibration.order import Change, assess_order, find_change
 from calibration.verdict import Assessment, limits
 from drivers.errors import CalibrationError, plural
@@ -26,13 +27,6 @@ SHORTEST_S, LONGEST_S = 0.2, 1.0
 """Shortest stream, and longest usual interval of its samples; beyond them, times have another unit."""
 _SPAN_NS = 100_000_000
 """Interval over which an angular speed is measured: shorter is noisy, longer smooths the motion away."""
-_SAME_NS = 100_000
-"""Samples in the same interval of this length count once; a stream of 5 kHz keeps all of its samples."""
-_BURSTS = 0.5
-"""Fraction of the samples that share their time with another one, from which on the times are those of
-bursts: a serial adapter or a network card delivers several samples at once, or the times are rounded."""
-_UNEVEN = 0.5
-"""Standard deviation of the number of samples per time, over its mean, above which bursts are not regular."""
 _AROUND = 15
 """Samples of the running median: more than twice the spikes that one flip of a detector causes."""
 WORST_MS = 5.0
@@ -69,7 +63,7 @@ _DRIFT_FROM_S = 60.0
 class TimedSignal:
     """A signal on one clock: time_ns (N,) int64 increasing, values (N,) float64.
 
-    resolution_s: interval of the recorded times if several samples shared each, else 0.
+    resolution_s: interval of the recorded times if several samples shared each, or of their digits, else 0.
     """
 
     time_ns: NDArray[np.int64]
@@ -149,39 +143,27 @@ def turning_rate(
 
 
 def _without_bursts(times: NDArray[np.int64], values: Array, name: str) -> tuple[NDArray[np.int64], float]:
-    """Return times (N,) in which regular bursts are spread, and the interval of the bursts in s, else 0.
+    """Return times (N,) in which bursts of different values are spread, and the interval of the bursts, s.
 
-    The samples of a burst came evenly since the burst before, in their order. values: (N, K). Raises
-    `CalibrationError` for irregular bursts.
+    values: (N, K). See `spread_bursts`. Raises `CalibrationError` for irregular bursts.
     """
-    order = np.argsort(times, kind="stable")
-    sorted_ns = times[order]
-    begins = np.flatnonzero(np.diff(sorted_ns, prepend=sorted_ns[:1] - 10 * _SAME_NS) > _SAME_NS)
-    sizes = np.diff(begins, append=len(times))
-    changes = np.any(np.diff(values[order], axis=0) != 0.0, axis=1)
-    copied = np.zeros(len(times), bool)
-    copied[1:] = (np.diff(sorted_ns) <= _SAME_NS) & ~changes
-    if len(begins) < 2 or copied.any() or sizes[sizes > 1].sum() < _BURSTS * len(times):
-        return times, 0.0
-    if sizes.std() > _UNEVEN * sizes.mean():
+    order, spread = np.argsort(times, kind="stable"), np.empty_like(times)
+    copied = np.all(np.diff(values[order], axis=0, prepend=np.nan) == 0.0, axis=1)
+    found = spread_bursts(times[order], copied)
+    if found is None:
         raise CalibrationError(
-            f"sync: {name}: {plural(len(times), 'sample')} share {len(begins)} times, irregularly: "
-            "record the time of each sample"
+            f"sync: {name}: {plural(len(times), 'sample')} share their times irregularly: record the time of "
+            "each sample"
         )
-    stamps = sorted_ns[begins]
-    usual_ns = float(np.median(np.diff(stamps)))
-    since_ns = np.minimum(np.diff(stamps, prepend=stamps[0] - usual_ns), 1.5 * usual_ns)
-    left = np.repeat(begins + sizes - 1, sizes) - np.arange(len(times))  # later samples of the same burst
-    spread = np.empty(len(times), np.int64)
-    spread[order] = sorted_ns - (np.repeat(since_ns / sizes, sizes) * left).astype(np.int64)
-    return spread, usual_ns / 1e9
+    spread[order] = found[0]
+    return spread, found[1]
 
 
 def _in_order(times: NDArray[np.int64], usable: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """Return the indices of usable samples, sorted by time; of samples within `_SAME_NS` the first."""
+    """Return the indices of usable samples, sorted by time; of samples within `SAME_NS` the first."""
     found = np.flatnonzero(usable)
     found = found[np.argsort(times[found], kind="stable")]
-    _, first = np.unique(times[found] // _SAME_NS, return_index=True)
+    _, first = np.unique(times[found] // SAME_NS, return_index=True)
     return found[first]
 
 
@@ -329,7 +311,7 @@ def _result(
     else:
         cure = "wiggle faster or longer" if change is None else _CLOCK_SET
         if rounding_s > float(sigma[0]):
-            cure = "several samples share one time: record the time of each sample, with more digits"
+            cure = "the times are too coarse: record the time of each sample, with more digits"
         reason = f"the offset is known to {{value:.2f}} ms only: {cure}"
         order = assess_order(change, blocks, [("the offset", 1e3, "ms", min(1.0, worst_ms))], _CLOCK_SET)
         assessment = order + limits((1e3 * sigma_s, min(1.0, worst_ms), worst_ms, reason))

@@ -16,6 +16,7 @@ from calibration.hand_eye.refine import (
     Problem,
     Refined,
     Transforms,
+    apply_step,
     assess_motion,
     linearise,
     nearest_rotation,
@@ -48,6 +49,8 @@ _WORST_RMS_PX = 5.0
 """Residual above which the result is refused."""
 _GOOD_RMS_PX, _GOOD_SAMPLES = 1.5, 10
 """Largest residual and fewest samples of a good calibration."""
+_SIZE_MATTERS, _SIZE_STEP, _SIZE_ROUNDS = 5e-3, 1e-4, 4
+"""Least deviation of a target's size that is named; step of the derivative by the size, and iterations."""
 _BETTER_CAMERA = "calibrate the camera again before this, with tilted and nearer views"
 
 
@@ -141,7 +144,7 @@ def calibrate_hand_eye(samples: Sequence[HandEyeSample], camera: CameraModel, se
     if change is not None:
         covariance = covariance + change.spread[:6, :6]
     sample_px |= dict(zip(problem.ids, final.sample_rms_px(problem).tolist(), strict=True))
-    assessment = gate + _assess(final, covariance, from_camera, len(problem.ids), len(rejected))
+    assessment = gate + _assess(problem, final, covariance, from_camera, len(rejected))
     assessment += assess_order(change, len(problem.ids), _PARAMETERS, _MOVED)
     return HandEyeResult(
         setup, assessment + rests_on("camera", camera.doubts), tuple(rejected), motion,
@@ -172,8 +175,21 @@ def _find_change(problem: Problem, found: Refined) -> Change | None:
     )
 
 
-def _assess(final: Refined, covariance: Array, from_camera: Array, samples: int, rejected: int) -> Assessment:
-    """Assess an estimate; the reason for a sigma names the camera if it causes most of the variance."""
+def _assess(
+    problem: Problem, final: Refined, covariance: Array, from_camera: Array, rejected: int
+) -> Assessment:
+    """Assess an estimate; the reason for a sigma names the camera if it causes most of the variance.
+
+    A target of another size than given is named if the size explains more than half of the residual.
+    """
+    samples, size = len(problem.ids), _fit_size(problem, final)
+    named = abs(size[0] - 1.0) > _SIZE_MATTERS and size[1].rms_px ** 2 < 0.5 * final.rms_px**2
+    residual = "residual of the samples {value:.2f} px: "
+    cause = (
+        _other_size(size[0])
+        if named
+        else "is the target rigidly mounted, the robot at rest, the camera right?"
+    )
     sigma, camera_sigma = np.sqrt(np.diag(covariance)), np.sqrt(np.diag(from_camera))
     mm, camera_mm = (float(np.linalg.norm(1e3 * of[3:])) for of in (sigma, camera_sigma))
     deg, camera_deg = (float(np.linalg.norm(np.degrees(of[:3]))) for of in (sigma, camera_sigma))
@@ -182,13 +198,34 @@ def _assess(final: Refined, covariance: Array, from_camera: Array, samples: int,
     larger = ": add samples with larger rotations"
     larger = f", {camera_deg:.3f}{by_camera}" if 2 * camera_deg**2 > deg**2 else larger
     return limits(
-        (final.rms_px, _GOOD_RMS_PX, _WORST_RMS_PX,
-         "residual of the samples {value:.2f} px: is the target rigidly mounted, the robot at rest?"),
+        (final.rms_px, 0.0 if named else _GOOD_RMS_PX, _WORST_RMS_PX, residual + cause),
         (mm, 1.0, 50.0, "position known only to {value:.2f} mm" + more),
         (deg, 0.1, 5.0, "orientation known only to {value:.3f} degrees" + larger),
         (samples, _GOOD_SAMPLES, FEWEST_SAMPLES, f"{plural(samples, 'sample')} used; 15 are good"),
         (rejected, 0.15 * (samples + rejected), np.inf, f"{plural(rejected, 'sample')} left out; see why"),
     )  # fmt: skip
+
+
+def _fit_size(problem: Problem, found: Refined) -> tuple[float, Refined]:
+    """Fit the target's size, as a factor of the given one, which the robot's motion gives; and the fit."""
+    size, fit = 1.0, found
+    for _ in range(_SIZE_ROUNDS):
+        missed, jacobian = linearise(_of_size(problem, size), fit.transforms)
+        larger, _ = linearise(_of_size(problem, size + _SIZE_STEP), fit.transforms)
+        system = np.column_stack([jacobian.reshape(-1, 12), ((larger - missed) / _SIZE_STEP).reshape(-1)])
+        scale = np.maximum(np.linalg.norm(system, axis=0), 1e-12)
+        step = np.linalg.lstsq(system / scale, -missed.reshape(-1), rcond=None)[0] / scale
+        size = float(np.clip(size + step[12], 0.3 * size, 3.0 * size))
+        fit = refine(_of_size(problem, size), apply_step(fit.transforms, step[:12]))
+    return size, fit
+
+
+def _of_size(problem: Problem, size: float) -> Problem:
+    return replace(problem, points_m=size * problem.points_m)
+
+
+def _other_size(size: float) -> str:
+    return f"the robot's motions fit a target of {size:.3f} times the given size: measure its print"
 
 
 def _robust_start(problem: Problem) -> Refined:
@@ -219,6 +256,9 @@ def _contradiction(problem: Problem, found: Refined) -> str:
     """Report that the samples contradict one another, and a simple mistake that would explain it."""
     now = float(np.median(found.sample_rms_px(problem)))
     seen = f"the samples contradict one another (median residual {now:.0f} px)"
+    size, fit = _fit_size(problem, found)
+    if float(np.median(fit.sample_rms_px(problem))) < 0.2 * now:
+        return f"{seen}: {_other_size(size)}"
     a_R, a_t = problem.a_R, problem.a_t  # noqa: N806
     back = a_R.transpose(0, 2, 1)
     inverted = "the robot poses look inverted (tcp_T_base for base_T_tcp, or the other setup)"

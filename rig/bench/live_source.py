@@ -1,45 +1,54 @@
 """Sources of live frames by what a person types: a serial, a device, an address, a file, or `fake`."""
 
 import os
-from collections.abc import Sequence
-from itertools import pairwise
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-
-import cv2
+from types import MappingProxyType
+from typing import Protocol
 
 from drivers.clock import NS_PER_S, Clock, SystemClock
 from drivers.errors import DeviceError, InputError, no_such, without_passwords
-from drivers.formats import read_csv_rows, time_ns_in
 from drivers.interfaces import FrameSource
-from drivers.tally import LONGEST_STEP_NS
+from drivers.types import Image
 from drivers.video.digit import Digit
-from drivers.video.external_camera import ExternalCamera, GelSightMini
-from drivers.video.reader import AddressedSource
+from drivers.video.external_camera import ExternalCamera, GelSightMini, crop_gel
+from drivers.video.files import RecordedStream
+from drivers.video.reader import AddressedSource, FrameReader
+from drivers.video.stream import RawFrame, decode_frame
 from drivers.video.v4l2 import VideoNode, list_video_nodes
 from fakes.devices.desk import Demonstration, DeskDigit
+from rig.tactile.sample import TimedImage
 
 SENSORS = ("digit", "gelsight-mini", "plain")
 FAKE = "fake"
-FILE_RATE_HZ = 60.0
-"""Of a folder of images, as `rig estimate` assumes."""
-LEAST_HZ = 0.1
-"""Lowest frame rate of a clip in Hz, as for --fps."""
-CLIP_FRAMES, CLIP_TIMES = "frames", "timestamps.csv"
-"""Folder of the images of a clip, and table of their times, as in `rig.frames.clips`."""
+ADDRESS_RATE_HZ = 60.0
 _SENSORS = f"a DIGIT's serial, /dev/videoN or its number, an MJPEG address (http://HOST:PORT/PATH), or {FAKE}"
 PLAIN_RATE_HZ = 30.0
 """Asked of a camera that no driver of ours knows: most USB cameras have it."""
 
 
+class Clip(Protocol):
+    """Stored frames in order, as `rig.frames.series` reads them. rate_hz: their usual rate."""
+
+    @property
+    def rate_hz(self) -> float: ...
+
+    def __iter__(self) -> Iterator[TimedImage]: ...
+
+
 def live_sources(
-    texts: Sequence[str], sensor: str | None, rate_hz: float | None, clock: Clock | None = None
+    texts: Sequence[str],
+    sensor: str | None,
+    rate_hz: float | None,
+    clips: Mapping[str, Clip] = MappingProxyType({}),
+    clock: Clock | None = None,
 ) -> list[FrameSource]:
     """Return the source of each text; they are not connected yet.
 
     sensor: what the frames are of; None: a DIGIT for a serial or a device, frames as they come otherwise.
-    rate_hz: asked of devices, pace of files; None: the sensor's own, that of a video, the mean one of a clip
-    with times, 60 for images. Raises `InputError` for what can never be opened, `DeviceError` for a device
-    that is not there, `FormatError` for a damaged table of times.
+    rate_hz: asked of devices; None: the sensor's own. clips: the sources that are stored, by their texts,
+    which are played at their own times. Raises `InputError` for what can never be opened, `DeviceError` for a
+    device that is not there.
     """
     clock = clock or SystemClock()
     shown = Demonstration()
@@ -48,6 +57,8 @@ def live_sources(
         if text == FAKE:
             side = 1 if place == 0 else -1
             made.append(DeskDigit(f"SIM-DESK{place + 1}", side, shown, clock))
+        elif text in clips:
+            made.append(StoredClip(Path(text), sensor or "plain", clips[text], clock))
         else:
             made.append(_source(text, sensor, rate_hz, clock))
     names = [source.serial for source in made]
@@ -83,12 +94,7 @@ def _source(text: str, sensor: str | None, rate_hz: float | None, clock: Clock) 
         _check_device(path)
     kind = sensor or "plain"
     if is_address:
-        return _make(kind, without_passwords(text), text, rate_hz or FILE_RATE_HZ, clock)
-    if is_stored(text):
-        frames = path / CLIP_FRAMES if (path / CLIP_FRAMES).is_dir() else path
-        source = _make(kind, path.name, str(frames), rate_hz or _own_rate(frames), clock)
-        source.wait_for_reader()
-        return source
+        return _make(kind, without_passwords(text), text, rate_hz or ADDRESS_RATE_HZ, clock)
     if not is_device and ("/" in text or path.suffix):
         raise InputError(no_such(path, cure=f"give {_SENSORS}"))
     if not is_device:
@@ -130,32 +136,30 @@ def _check_device(node: Path) -> None:
         )
 
 
-def _own_rate(path: Path) -> float:
-    """Return the frame rate of a video, or the mean one of a clip with times, in Hz; else `FILE_RATE_HZ`.
+class StoredClip(FrameReader):
+    """A clip as a source that plays its frames at their own times. None is dropped. kind: of `SENSORS`."""
 
-    Pauses of a clip do not count, as those of a sensor that was unplugged. Raises `InputError` for times that
-    cannot be s.
-    """
-    if path.is_dir():
-        times = path.parent / CLIP_TIMES
-        if path.name != CLIP_FRAMES or not times.is_file():
-            return FILE_RATE_HZ
-        rows = read_csv_rows(times, ("t_s",))
-        times_ns = [time_ns_in(row, "t_s", f"{times}: line {line}") for line, row in rows]
-        steps_ns = [later - earlier for earlier, later in pairwise(times_ns)]
-        steps_ns = [step_ns for step_ns in steps_ns if step_ns <= LONGEST_STEP_NS] or steps_ns
-        if sum(steps_ns) <= 0:
-            return FILE_RATE_HZ
-        rate_hz = len(steps_ns) * NS_PER_S / sum(steps_ns)
-        if rate_hz < LEAST_HZ:
-            raise InputError(
-                f"{times}: {rate_hz:.2g} frames per second by its times: are they in ms? Give times in s, or "
-                "a frame rate (--fps)"
-            )
-        return rate_hz
-    capture = cv2.VideoCapture(str(path))
-    try:
-        rate_hz = float(capture.get(cv2.CAP_PROP_FPS))
-    finally:
-        capture.release()
-    return rate_hz if 0.0 < rate_hz <= 1000.0 else FILE_RATE_HZ
+    def __init__(self, path: Path, kind: str, clip: Clip, clock: Clock) -> None:
+        super().__init__(
+            path.name, clip.rate_hz, lambda: _ClipStream(path, clip, clock), self._decode_as, clock
+        )
+        self._kind = kind
+        self.wait_for_reader()
+
+    def _decode_as(self, raw: RawFrame) -> tuple[Image, bytes | None]:
+        image, jpeg = decode_frame(raw, None, upright=self._kind == "digit")
+        return (crop_gel(image), None) if self._kind == "gelsight-mini" else (image, jpeg)
+
+
+class _ClipStream(RecordedStream):
+    def __init__(self, path: Path, clip: Clip, clock: Clock) -> None:
+        super().__init__(path, clip.rate_hz, clock)
+        self._frames, self._first_ns = iter(clip), 0
+
+    def read(self) -> RawFrame:
+        frame = next(self._frames, None)
+        if frame is None:
+            raise self._end_error()
+        self._first_ns = self._first_ns if self._number else frame.time_ns
+        number, due_ns = self._await_next((frame.time_ns - self._first_ns) / NS_PER_S)
+        return RawFrame(self._clock.now_ns(), None, frame.image, due_ns, number)

@@ -9,11 +9,11 @@ import numpy as np
 
 from drivers.clock import SystemClock
 from drivers.types import ArmState, Frame, Image
-from rig.frames.estimates import TimedImage, estimate_frames
+from rig.frames.estimates import estimate_frames
 from rig.frames.streaming import StreamingEstimator
 from rig.live.desk_sensor import DeskSensor
 from rig.tactile.estimators import EstimatorChoice
-from rig.tactile.sample import SlipSample, State, TactileEstimator
+from rig.tactile.sample import SlipSample, State, TactileEstimator, TimedImage
 
 REFERENCE, ITERATIONS = "cv2.findTransformECC", 5
 """OpenCV's alignment, with which times are compared, and its fixed number of iterations. It takes about as

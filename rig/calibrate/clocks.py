@@ -5,7 +5,7 @@ turns it by hand, and the camera is.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import cv2
@@ -16,6 +16,7 @@ from calibration.markers.tracker import MarkerTracker
 from calibration.store import read_yaml, write_bytes
 from calibration.targets.aruco import Refusal
 from calibration.time_offset import time_offset
+from calibration.verdict import Assessment
 from drivers.clock import NS_PER_S
 from drivers.errors import CalibrationError, InputError, plural
 from drivers.formats import read_text
@@ -33,6 +34,7 @@ from rig.calibrate.result import CalibrationResult, Figure
 from rig.calibrate.samples import read_stream, write_table
 from rig.config import BenchConfig
 from rig.declared import option
+from rig.frames.times import USUAL_FPS, ask_unit
 
 ARM = "arm"
 """The stream whose clock is the reference."""
@@ -122,6 +124,11 @@ def solve_pair(folder: Path, first: str, second: str, search_s: float = 0.5) -> 
     paths = [folder / f"{name}.csv" for name in (first, second)]
     one, other = (read_stream(path) for path in paths)
     found = time_offset(one, other, search_s)
+    steps_s = [float(np.median(np.diff(stream.time_ns))) / NS_PER_S for stream in (one, other)]
+    if max(steps_s) < 1.0 / USUAL_FPS[1]:
+        rate = f"both streams have more than {USUAL_FPS[1]:.0f} samples a second by their times"
+        doubt = Assessment(doubts=(f"{rate}: {ask_unit(max(steps_s))}",))
+        found = replace(found, assessment=found.assessment + doubt)
     layout, pictures = {}, []
     figures = [
         Figure("add_to_stream_s", found.offset_s, "to add to the stream", ".3f", "ms", 1e3,

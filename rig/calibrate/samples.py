@@ -2,7 +2,9 @@
 
 import json
 from collections.abc import Sequence
+from dataclasses import replace
 from datetime import UTC, datetime
+from decimal import Decimal
 from pathlib import Path
 
 import numpy as np
@@ -83,21 +85,25 @@ def read_poses(path: Path, child_frame: str = "") -> tuple[dict[str, Pose], list
 def read_stream(path: Path) -> TimedSignal:
     """Read a stream from a CSV: time_ns (or t_s), and value or an orientation, qx, qy, qz, qw, that turns.
 
-    Raises `InputError`, `CalibrationError`.
+    Its resolution is at least that of the digits of t_s. Raises `InputError`, `CalibrationError`.
     """
     rows = [(row, f"{path}: line {line}") for line, row in read_csv_rows(path, ())]
     columns = rows[0][0] if rows else {"time_ns": ""}
     if "time_ns" not in columns and "t_s" not in columns:
         raise InputError(f"{path}: has no column time_ns or t_s")
+    digits_s = 0.0
     if "time_ns" in columns:
         times = np.array([whole_in(row, "time_ns", where) for row, where in rows], np.int64)
     else:
         times = np.array([time_ns_in(row, "t_s", where) for row, where in rows], np.int64)
+        digits_s = 10.0 ** min(0, *(int(Decimal(row["t_s"]).as_tuple().exponent) for row, _ in rows))
     if "value" not in columns and "qw" in columns:
         turns = [[number_in(row, name, where) for name in QUATERNION] for row, where in rows]
-        return turning_rate(times, np.array(turns), path.name)
-    values = np.array([number_in(row, "value", where) for row, where in rows])
-    return make_stream(times, values, path.name)
+        stream = turning_rate(times, np.array(turns), path.name)
+    else:
+        values = np.array([number_in(row, "value", where) for row, where in rows])
+        stream = make_stream(times, values, path.name)
+    return replace(stream, resolution_s=max(stream.resolution_s, digits_s))
 
 
 def _pose(row: dict[str, str], where: str) -> Pose:

@@ -309,6 +309,7 @@ def explain(options: ExplainOptions) -> None:
     else:
         turn = explained_frames(options.frames, options.background, options.pixel_aspect, options.topic)
     write_file(options.out, encode_png(stages_picture(turn)))
-    say(f"turned by {turn.angle_deg:+.2f} deg (image angle) in {turn.apart_s:.2f} s")
+    turned = f"turned by {turn.angle_deg:+.2f} deg (image angle) in {turn.apart_s:.2f} s"
+    say("\n".join([*turn.notes, turned]))
     figures = {"picture": str(options.out), "angle_deg": turn.angle_deg, "sigma_deg": turn.sigma_deg}
     print_result(options.json, figures, options.out)

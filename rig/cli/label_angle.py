@@ -45,20 +45,22 @@ def label_angle(options: LabelAngleOptions) -> None:
     """
     import webbrowser
 
-    from rig.frames.clips import LABELS, clip_frames
+    from rig.frames.clips import LABELS, TIMES, clip_frames
     from rig.frames.series import read_frames
     from rig.labels.angle_lines import LINES, LineLog, background_of, chosen_frames, load_clip, read_drawn
     from rig.labels.angle_server import AngleServer
     from rig.pages.requests import way_to
 
     clip, out = options.clip, options.clip / LABELS
-    series, drawn = read_frames(clip_frames(clip), topic=options.topic), read_drawn(clip / LINES)
+    times, drawn = clip / TIMES, read_drawn(clip / LINES)
+    series = read_frames(clip_frames(clip), times if times.exists() else None, topic=options.topic)
     if out.exists() and drawn is None and not options.overwrite:
         raise InputError(
             f"{out}: exists, but was not written by rig label-angle; give --overwrite to replace it"
         )
     background, note = background_of(clip, series)
-    say(note)
+    for text in (*series.notes, note):
+        say(text)
     choice, note = chosen_frames(series, background, options.count, options.reference, drawn)
     say(note)
     name = f"{mark(series.simulated)}{clip.resolve().name}"
@@ -70,7 +72,9 @@ def label_angle(options: LabelAngleOptions) -> None:
             say(NO_BROWSER)
         while (labels := server.labels_written(timeout_s=0.2)) is None:
             pass
-    say(f"{plural(labels, 'label')} written to {out}")
-    say(f"the reference, 0 degrees, is one of them: rig benchmark clips compares the other {labels - 1}")
+    compared = (
+        f"the reference, 0 degrees, is one of them: rig benchmark clips compares the other {labels - 1}"
+    )
+    say(f"{plural(labels, 'label')} written to {out}\n{compared}")
     if options.json:
         emit_json({"out": str(out), "labels": labels, "frames": len(to_label.frames)})

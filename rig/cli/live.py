@@ -202,17 +202,18 @@ def choosable_estimators(estimator: str | None) -> tuple[str, ...]:
 def desk_of(
     options: DeskOptions,
     stack: ExitStack,
-    clips: Path = CLIPS,
+    folder: Path = CLIPS,
     listeners: "Sequence[Listener]" = (),
 ) -> "Desk":
     """Return the desk of the options; its sensors are not connected yet.
 
-    listeners: viewers that its messages go to. Raises `InputError`, `DeviceError`.
+    folder: for the clips that are recorded. listeners: viewers that its messages go to. Raises `InputError`,
+    `DeviceError`.
     """
     from drivers.images import read_image
-    from rig.bench.live_source import SENSORS, live_sources, serial_of
-    from rig.frames.clips import clip_background
+    from rig.bench.live_source import SENSORS, is_stored, live_sources, serial_of
     from rig.frames.estimates import require_frames_suffice
+    from rig.frames.series import read_frames
     from rig.live.desk import Desk, DeskSettings
     from rig.live.feed import Sender
     from rig.tactile.estimators import choose_estimator
@@ -222,23 +223,22 @@ def desk_of(
         raise InputError(f"{len(texts)} sources: give one, or two sensors that touch the same object")
     if options.sensor not in (None, *SENSORS):
         raise InputError(f"--sensor {options.sensor}: choose one of {', '.join(SENSORS)}")
-    sources = live_sources(texts, options.sensor, options.fps)
+    clips = {text: read_frames(Path(text), fps=options.fps) for text in texts if is_stored(text)}
+    for note in (note for clip in clips.values() for note in clip.notes):
+        say(note)
+    sources = live_sources(texts, options.sensor, options.fps, clips)
     if options.gel is not None and len(texts) > 1:
         raise InputError("--gel is for one sensor: leave it out, or give one source")
     choice = choose_estimator(options.estimator, gel=options.gel)
     require_frames_suffice(choice)
-    files = [
-        clip_background(Path(text))
-        if options.background is None and Path(text).is_dir()
-        else options.background
-        for text in texts
-    ]
+    given = None if options.background is None else read_image(options.background)
+    own = {text: clip.empty() for text, clip in clips.items() if given is None and clip.empty is not None}
     settings = DeskSettings(
         choice,
         signs=(1, 1) if options.same_side else (1, -1),
-        backgrounds=tuple(None if file is None else read_image(file) for file in files),
+        backgrounds=tuple(own.get(text, given) for text in texts),
         aspect=options.pixel_aspect,
-        clips=clips,
+        clips=folder,
         serials=tuple(map(serial_of, texts)),
         simulated=is_simulated(texts),
         estimators=choosable_estimators(options.estimator),

@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 from itertools import islice, tee
 from pathlib import Path
 from time import perf_counter
-from typing import Protocol
 
 import numpy as np
 
@@ -17,7 +16,7 @@ from drivers.types import ArmState, Image
 from rig.frames.of_session import SessionSeries
 from rig.frames.series import FrameSeries, TimedFrame, evenly_spread, make_background
 from rig.frames.slip_alarm import slips
-from rig.frames.times import FrameTime, gaps_note, parse_time, sparse_note
+from rig.frames.times import FrameTime, parse_time, spacing_notes
 from rig.sessions.table_files import csv_bytes
 from rig.tactile.angles import Angles
 from rig.tactile.contact.background_check import LOOKS_LIKE_CONTACT, BackgroundCheck
@@ -30,6 +29,7 @@ from rig.tactile.sample import (
     SlipSample,
     State,
     TactileEstimator,
+    TimedImage,
     faults_of,
     has_colour,
 )
@@ -49,16 +49,6 @@ takes about 1 ms."""
 TIME_PERCENTILES = (50, 90, 99)
 FRAME_MS = "ms per frame with contact: median, 90 %, 99 %"
 """Heading of a column with the values of `frame_ms`."""
-
-
-class TimedImage(Protocol):
-    """A frame with its capture time. image: (H, W, 3) uint8 RGB, None if it could not be read."""
-
-    @property
-    def image(self) -> Image | None: ...
-
-    @property
-    def time_ns(self) -> int: ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -423,7 +413,6 @@ class EstimatedSeries:
             f"angles from {self.angles_from}; {timed}",
             f"0 degrees is {found.reference}{zero}",
             *([slip] if slip else []),
-            gaps_note([time.time_ns for time in self.estimate.times]),
             last,
         ]
 
@@ -433,9 +422,8 @@ class EstimatedSeries:
 
     @property
     def warnings(self) -> list[str]:
-        found, more = self.figures, list(self.doubts)
-        if note := sparse_note([time.time_ns for time in self.estimate.times]):
-            more.append(note)
+        found = self.figures
+        more = [*self.doubts, *spacing_notes([time.time_ns for time in self.estimate.times])]
         if found.unreadable:
             more.append(f"{plural(found.unreadable, 'frame')} could not be read: 'lost' in the table")
         if found.jumped:

@@ -105,15 +105,22 @@ def rest_of_bag(path: Path) -> tuple[Path, ...]:
 
 
 def bag_times(path: Path, topic: str) -> tuple[list[int], list[int]]:
-    """Return the header stamps and the times of receipt of a topic's images, ns, in the order of the bag."""
+    """Return the header stamps and the times of receipt of a topic's images, ns, in the order of the bag.
+
+    Raises `InputError` if their headers name several frames, which are those of several sensors.
+    """
     with _open_bag(path) as bag:
         deserialized = _deserializer(bag)
         messages = bag.messages(connections=_connections(bag, topic))
-        stamps, received = [], []
+        stamps, received, sensors = [], [], dict[str, None]()
         for each, received_ns, data in messages:
-            stamp = deserialized(data, each.msgtype).header.stamp
+            header = deserialized(data, each.msgtype).header
+            stamp, sensors[header.frame_id] = header.stamp, None
             stamps.append(stamp.sec * NS_PER_S + stamp.nanosec)
             received.append(received_ns)
+    if len(sensors) > 1:
+        named = " and ".join(map(quote, list(sensors)[:2]))
+        raise InputError(f"{path}: {topic} has images of two sensors, {named}: record a topic for each")
     return stamps, received
 
 

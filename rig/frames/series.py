@@ -4,6 +4,8 @@ Frames are read one at a time, in order, each with its time. A frame that cannot
 without an image; the caller decides how to report it.
 """
 
+import filecmp
+import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -49,12 +51,14 @@ from rig.frames.clips import (
 from rig.frames.ros_bags import bag_images, bag_times, find_topic, rest_of_bag
 from rig.frames.times import (
     FrameTime,
-    checked_times,
+    check_times,
     clip_times,
     container_times,
+    replace_times,
     stamped_times,
     times_at_rate,
     times_from_table,
+    times_in_names,
 )
 from rig.sessions.recorder import seconds_text
 from rig.tactile.contact.background import MAX_FRAMES, auto_background, mean_background
@@ -69,6 +73,13 @@ TRIAL_NOTE = (
 OTHER_ENDINGS = {".mcap", ".db3", ".bag", *ARRAY_SUFFIXES, *VIDEO_ENDINGS}
 # Least number of frames from which a background can be made if contacts move about.
 ENOUGH_FRAMES = 9
+COMPARED, ALTERNATING, LEAST_OTHER = 8, 3.0, 0.01
+"""Frames are of two sensors if of the first COMPARED each differs from the next by more than ALTERNATING
+times what any differs from the second next, and by LEAST_OTHER of the brightness. Least over most is at most
+1.7 in real_turns and marker_slip_clips, and 15 for two simulated fingertips, which differ by 0.06."""
+_COPY = re.compile(r"(?: - Copy| copy| \(copy\))?(?: \(?[0-9]+\)?)?$")
+"""End of the name of a copy on Windows, macOS and GNOME, as in `0010 - Copy (2)` and `0010 (1)`."""
+_SIDES = re.compile(r"(?<![a-z])(left|right)(?![a-z])", re.IGNORECASE)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -92,8 +103,8 @@ class FrameSeries:
     """Frames in order; iterating reads them again each time.
 
     notes: assumptions and problems, for the user. empty: returns the frame without contact, if the dataset
-    provides it. simulated: whether a simulated sensor made them. count: number of frames, if it is
-    known without reading them.
+    provides it. simulated: whether a simulated sensor made them. times: of the frames, if they are known
+    without reading them.
     """
 
     name: str
@@ -101,13 +112,27 @@ class FrameSeries:
     notes: tuple[str, ...] = ()
     empty: Callable[[], Image | None] | None = None
     simulated: bool = False
-    count: int | None = None
+    times: Sequence[FrameTime] | None = None
+
+    @property
+    def count(self) -> int | None:
+        return None if self.times is None else len(self.times)
+
+    @property
+    def rate_hz(self) -> float:
+        """The usual frame rate, that of the median step; `FOLDER_FPS` if there is none."""
+        steps_ns = np.diff([time.time_ns for time in self.times or ()])
+        return float(NS_PER_S / np.median(steps_ns)) if np.any(steps_ns > 0) else FOLDER_FPS
 
     def __iter__(self) -> Iterator[TimedFrame]:
-        """Read the frames. Raises `InputError` at the first one of another size."""
+        """Read the frames. Raises `InputError` at the first one of another size, and for two sensors."""
         shape: tuple[int, ...] | None = None
+        first = list[TimedFrame]()
         for frame in self.read():
             if frame.image is not None:
+                if len(first) < COMPARED:
+                    first.append(frame)
+                    _require_one_sensor(self.name, first)
                 shape = shape or frame.image.shape
                 if frame.image.shape != shape:
                     seen, first = size_text(frame.image.shape), size_text(shape)
@@ -220,6 +245,24 @@ def find_background(name: str, images: Iterable[Image], spread: Sequence[Image])
     )
 
 
+def _require_one_sensor(name: str, first: Sequence[TimedFrame]) -> None:
+    """Raise `InputError` if the first frames, `COMPARED` of them, alternate between two pictures."""
+    if len(first) < COMPARED:
+        return
+    small = [
+        cv2.resize(f.image, (16, 16), interpolation=cv2.INTER_AREA) for f in first if f.image is not None
+    ]
+    lit = [image / np.maximum(image.mean(axis=(0, 1)), 1.0) for image in small]
+    next_off, second_off = (
+        [float(np.abs(one - other).mean()) for one, other in zip(lit, lit[by:], strict=False)]
+        for by in (1, 2)
+    )
+    if min(next_off) > max(ALTERNATING * max(second_off), LEAST_OTHER):
+        raise InputError(
+            f"{name}: frames '{first[0].name}' and '{first[1].name}' are of two sensors: give those of one"
+        )
+
+
 def evenly_spread(items: Iterable[Item], least: int = MAX_FRAMES) -> list[Item]:
     """Return evenly spread items of a series of unknown length, `least` to twice as many of a long one."""
     kept: list[Item] = []
@@ -244,25 +287,23 @@ def _has_only_a_background(path: Path) -> bool:
 def _image_series(path: Path, timestamps: Path | None, fps: float | None) -> FrameSeries:
     files = _image_files(path) if path.is_dir() else [path]
     background = clip_background(path) if path.is_dir() else None
-    files = [file for file in files if file != background]
+    files, notes = _without_copies([file for file in files if file != background])
     for file in files:
         require_single(file)
     if not any(load_image(file) is not None for file in files):
         why = image_flaw(files[0]) or "is damaged"
         raise InputError(f"{path}: not one complete image ({files[0].name} {why}): copy it again")
-    times, notes = _times([file.name for file in files], timestamps, fps)
-    assumed = timestamps is None and fps is None and len(files) > 1
-    notes = (RATE_ASSUMED,) if assumed else notes
+    times, more = _times([file.name for file in files], timestamps, fps)
     simulated = is_simulated_clip(path)
 
     def read() -> Iterator[TimedFrame]:
         return (TimedFrame(f.name, t, load_image(f)) for f, t in zip(files, times, strict=True))
 
-    notes = ("SIMULATED frames", *notes) if simulated else notes
-    if background is None:
-        return FrameSeries(str(path), read, notes, simulated=simulated, count=len(files))
-    notes = (*notes, f"{background.name}: the background, not a frame")
-    return FrameSeries(str(path), read, notes, partial(read_image, background), simulated, len(files))
+    notes = (*(["SIMULATED frames"] if simulated else []), *notes, *more)
+    empty = None if background is None else partial(read_image, background)
+    if background is not None:
+        notes = (*notes, f"{background.name}: the background, not a frame")
+    return FrameSeries(str(path), read, notes, empty, simulated, times)
 
 
 def _image_files(folder: Path) -> list[Path]:
@@ -280,7 +321,42 @@ def _image_files(folder: Path) -> list[Path]:
             raise InputError(
                 f"{folder}: {before.name} and {file.name}: keep one image of a frame in the folder"
             )
+    sides = {side.lower(): file.name for file in files for side in _SIDES.findall(file.stem)}
+    if len(sides) > 1:
+        raise InputError(
+            f"{folder}: '{sides['left']}' and '{sides['right']}' are of two sensors: give those of one"
+        )
     return files
+
+
+def _without_copies(files: list[Path]) -> tuple[list[Path], list[str]]:
+    """Return images without those that are a copy of another one by name and content, and notes.
+
+    Other images that are equal to the one before stay, because tables and labels count them.
+    """
+    stems = {file.stem: file for file in files}
+    kept, copies, equal = list[Path](), list[Path](), list[Path]()
+    for file in files:
+        original = stems.get(_COPY.sub("", file.stem), file)
+        if original is not file and _is_equal(original, file):
+            copies.append(file)
+            continue
+        if kept and _is_equal(kept[-1], file):
+            equal.append(file)
+        kept.append(file)
+    notes = [f"{plural(len(copies), 'copied image')} left out, as '{copies[0].name}'"] if copies else []
+    if equal:
+        notes.append(
+            f"{plural(len(equal), 'image')} equal to the image before, byte for byte, as '{equal[0].name}'"
+        )
+    return kept, notes
+
+
+def _is_equal(one: Path, other: Path) -> bool:
+    """Whether two files have the same bytes; False if one cannot be read."""
+    with suppress(OSError):
+        return one.stat().st_size == other.stat().st_size and filecmp.cmp(one, other, shallow=False)
+    return False
 
 
 def _video_series(path: Path, timestamps: Path | None, fps: float | None) -> FrameSeries:
@@ -312,7 +388,7 @@ def _video_series(path: Path, timestamps: Path | None, fps: float | None) -> Fra
         finally:
             capture.release()
 
-    return FrameSeries(str(path), read, notes, count=count)
+    return FrameSeries(str(path), read, notes, times=times)
 
 
 def _array_series(path: Path, timestamps: Path | None, fps: float | None) -> FrameSeries:
@@ -324,19 +400,18 @@ def _array_series(path: Path, timestamps: Path | None, fps: float | None) -> Fra
         return (TimedFrame(n, t, f) for n, t, f in zip(names, times, array_frames(path), strict=True))
 
     note = f"{path}: {plural(count, 'frame')} of {width} x {height} px, assumed to be RGB"
-    notes = (note, RATE_ASSUMED) if timestamps is None and fps is None else (note, *notes)
-    return FrameSeries(str(path), read, notes, count=count)
+    return FrameSeries(str(path), read, (note, *notes), times=times)
 
 
 def _ros_series(path: Path, topic: str) -> FrameSeries:
     times, notes = stamped_times(f"{path}: {topic}", *bag_times(path, topic))
     order = np.argsort(times, kind="stable")
+    sorted_times = [FrameTime(seconds_text(time_ns), time_ns) for time_ns in times[order].tolist()]
 
     def read() -> Iterator[TimedFrame]:
         images = _in_order(bag_images(path, topic), order)
-        for number, (image, place) in enumerate(zip(images, order, strict=False)):
-            time_ns = int(times[place])
-            yield TimedFrame(str(number), FrameTime(seconds_text(time_ns), time_ns), image)
+        for number, (image, time) in enumerate(zip(images, sorted_times, strict=False)):
+            yield TimedFrame(str(number), time, image)
 
     if others := rest_of_bag(path):
         rest = f"{plural(len(others), 'more file')} ({', '.join(file.name for file in others[:3])})"
@@ -344,7 +419,7 @@ def _ros_series(path: Path, topic: str) -> FrameSeries:
             *notes,
             f"{path}: is one file of a bag with {rest}: give the folder to read all",
         ]
-    return FrameSeries(str(path), read, (f"{path}: {topic}", *notes))
+    return FrameSeries(str(path), read, (f"{path}: {topic}", *notes), times=sorted_times)
 
 
 def _in_order(images: Iterable[Image | None], order: NDArray[np.intp]) -> Iterator[Image | None]:
@@ -361,6 +436,10 @@ def _times(
     names: list[str], table: Path | None, fps: float | None
 ) -> tuple[list[FrameTime], tuple[str, ...]]:
     """Return the times of frames, and notes on those of a table; a clip's own table may be incomplete."""
+    if table is None and fps is None:
+        assumed = (RATE_ASSUMED,) if len(names) > 1 else ()
+        times, note = times_in_names(names) or (times_at_rate(len(names), FOLDER_FPS), "")
+        return times, (note,) if note else assumed
     fps = FOLDER_FPS if fps is None else fps
     if table is None:
         return times_at_rate(len(names), fps), ()
@@ -368,7 +447,8 @@ def _times(
         times, notes = clip_times(table, names, fps)
     else:
         times, notes = times_from_table(table, names), []
-    return times, (*notes, *checked_times(str(table), [time.time_ns for time in times]))
+    used, more = check_times(str(table), [time.time_ns for time in times])
+    return replace_times(times, used), (*notes, *more)
 
 
 def _video_facts(path: Path) -> tuple[list[int], int, float]:

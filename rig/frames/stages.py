@@ -37,7 +37,8 @@ class Turn:
     """Two frames of a series: the one at the zero, and the one with the largest rotation.
 
     angle_deg (counter-clockwise as seen), shift_px (right, down): motion between them in the image.
-    background: the frame without contact. aspect: of a pixel, None if unknown. title: of the picture.
+    background: the frame without contact. aspect: of a pixel, None if unknown. title: of the picture. notes:
+    on the frames, and warnings.
     """
 
     zero: Image
@@ -49,6 +50,7 @@ class Turn:
     background: Image
     aspect: float | None
     title: str
+    notes: tuple[str, ...]
 
 
 def explained_frames(
@@ -92,6 +94,7 @@ def _largest_turn(found: EstimatedSeries, aspect: float | None, title: str) -> T
         found.untouched,
         aspect,
         title,
+        (*found.frames.notes, *(f"warning: {warning}" for warning in found.warnings)),
     )
 
 

@@ -6,15 +6,18 @@ three verdicts on them: they are used as they are; they are replaced, with a not
 checked frame by frame in `drivers.tally.StreamTimes`.
 """
 
+import re
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from decimal import Decimal
 from itertools import pairwise
 from pathlib import Path, PurePath
 
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.bursts import spread_bursts
 from drivers.clock import NS_PER_S
 from drivers.errors import FormatError, InputError, plural
 from drivers.formats import (
@@ -36,9 +39,16 @@ LEAST_FPS, MAX_FPS = 0.02, 2000.0
 APART_S = LONGEST_STEP_NS / NS_PER_S
 """Frames further apart than this, s, are noted: much can happen between them."""
 MOST_REPEATED = 0.5
-"""If more than this share of the frames has the time of the frame before, the times are too coarse."""
+"""If more than this share of the frames has the time of the frame before, irregularly, the times are too
+coarse."""
 _UNITS = {"ms": 1e3, "microseconds": 1e6, "ns": 1e9, "minutes": 1 / 60, "hours": 1 / 3600}
-_USUAL_FPS = 1.0, 500.0
+USUAL_FPS = 1.0, 500.0
+_TIME_IN_NAME = re.compile(r"(?<![0-9.])(?:[0-9]+\.[0-9]+|[0-9]{13}|[0-9]{16}|[0-9]{19})(?![0-9.])")
+_SINCE_1970 = {13: "ms", 16: "microseconds", 19: "ns"}
+"""Units of the time since 1970 by number of digits, from 2001 to 2286."""
+MOST_DRIFT, LEAST_DRIFT_S = 0.05, 0.2
+"""Stamps and times of receipt whose durations differ by more than this share, and time in s, are those of two
+clocks. Frames may arrive in bursts, so the durations of short streams differ."""
 _A_DAY_NS = 86_400 * NS_PER_S
 """Frames further apart than this have times of two clocks, as 0 and the seconds since 1970."""
 Times = NDArray[np.int64]
@@ -66,15 +76,15 @@ def times_at_rate(count: int, fps: float) -> list[FrameTime]:
     return [FrameTime(f"{i / fps:.6f}", round(i / fps * NS_PER_S)) for i in range(count)]
 
 
-def checked_times(where: str, times_ns: Sequence[int] | Times) -> tuple[str, ...]:
-    """Return notes on the times of a stream that are used as they are.
+def check_times(where: str, times_ns: Sequence[int] | Times) -> tuple[Times, tuple[str, ...]]:
+    """Return the times of a stream as they are used, ns, and notes on them; the same for all sources.
 
-    where: the stream's name in errors. times_ns: in the order of the frames. Raises `InputError` if the times
-    go back, if most frames share their time with others, if frames are days apart, or for a unit that
-    cannot be s.
+    where: the stream's name in errors. times_ns: in the order of the frames. Times that are shared by regular
+    bursts of frames are spread, see `spread_bursts`. Raises `InputError` if the times go back, if most frames
+    share their time irregularly, if frames are days apart, or for a unit that cannot be s.
     """
-    times = np.asarray(times_ns, np.int64)
-    steps = np.diff(times)
+    given = np.asarray(times_ns, np.int64)
+    steps = np.diff(given)
     if (steps < 0).any():
         frame = int(np.argmax(steps < 0)) + 1
         back_s = -steps[frame - 1] / NS_PER_S
@@ -83,9 +93,11 @@ def checked_times(where: str, times_ns: Sequence[int] | Times) -> tuple[str, ...
             "decreasing (sort the frames), or a frame rate instead (--fps)"
         )
     if steps.size == 0:
-        return ()
+        return given, ()
     repeated = np.flatnonzero(steps == 0) + 1
-    if repeated.size > MOST_REPEATED * len(times) or not steps.any():
+    times, burst_s = (repeated.size and spread_bursts(given)) or (given, 0.0)
+    steps = np.diff(times)
+    if (steps == 0).sum() > MOST_REPEATED * len(times) or not steps.any() or burst_s > APART_S:
         raise InputError(
             f"{where}: {repeated.size} of {len(times)} frames have the time of the previous frame (first: "
             f"frame {repeated[0]}): times in whole seconds, or rounded as float32? Give finer times, or a "
@@ -97,14 +109,16 @@ def checked_times(where: str, times_ns: Sequence[int] | Times) -> tuple[str, ...
             "was the clock set, or was a time not known? Correct the times, or give a frame rate (--fps)"
         )
     step_s = float(np.median(steps[steps > 0])) / NS_PER_S
-    if not LEAST_FPS <= 1.0 / step_s <= _USUAL_FPS[1]:
+    if not LEAST_FPS <= 1.0 / step_s <= USUAL_FPS[1]:
         raise InputError(
             f"{where}: {1.0 / step_s:.3g} frames per second by their times, {step_s:.3g} s apart: "
-            f"{_unit_question(step_s)} Give times in s, or a frame rate (--fps)"
+            f"{ask_unit(step_s)} Give times in s, or a frame rate (--fps)"
         )
+    if burst_s:
+        return times, (f"times: frames share one time every {burst_s:.3g} s: spread since the one before",)
     if repeated.size == 0:
-        return ()
-    return (
+        return times, ()
+    return times, (
         f"times: {plural(repeated.size, 'frame')} with the time of the previous frame (first: frame "
         f"{repeated[0]}): not estimated, 'lost'",
     )
@@ -114,31 +128,35 @@ GAP_STEPS = 2.5
 """A step of more than this many median steps is a gap: at least two frames are missing."""
 
 
-def sparse_note(times_ns: Sequence[int] | Times) -> str | None:
-    """Return a note on a stream whose frames are more than `APART_S` apart; None for others."""
-    steps = np.diff(np.asarray(times_ns, np.int64))
-    step_s = float(np.median(steps)) / NS_PER_S if steps.size else 0.0
-    if step_s <= APART_S:
-        return None
-    return (
-        f"the frames are {step_s:.3g} s apart ({_unit_question(step_s)}): a rotation by more than a quarter "
-        "turn between two frames cannot be recognised"
-    )
+def spacing_notes(times_ns: Sequence[int] | Times) -> list[str]:
+    """Return notes on a stream whose frames are more than `APART_S` apart, and on its gaps.
 
-
-def gaps_note(times_ns: Sequence[int] | Times) -> str:
-    """Return how many gaps a stream has, and the longest: steps of more than `GAP_STEPS` usual ones."""
+    Gaps are steps of more than `GAP_STEPS` median ones.
+    """
     times = np.asarray(times_ns, np.int64)
-    steps = np.diff(times) / NS_PER_S
-    gaps = np.flatnonzero(steps > GAP_STEPS * np.median(steps)) if steps.size else np.empty(0, np.intp)
-    if not gaps.size:
-        return "no gaps between the frames"
-    longest = gaps[steps[gaps].argmax()]
-    after_s = (times[longest] - times[0]) / NS_PER_S
-    return (
-        f"{plural(len(gaps), 'gap')} between the frames, the longest {steps[longest]:.3g} s, "
-        f"{after_s:.3f} s after the first frame"
-    )
+    steps, notes = np.diff(times) / NS_PER_S, list[str]()
+    step_s = float(np.median(steps)) if steps.size else 0.0
+    if step_s > APART_S:
+        notes.append(
+            f"the frames are {step_s:.3g} s apart ({ask_unit(step_s)}): a rotation by more than a quarter "
+            "turn between two frames cannot be recognised"
+        )
+    if (gaps := np.flatnonzero(steps > GAP_STEPS * step_s)).size:
+        longest = gaps[steps[gaps].argmax()]
+        after_s = (times[longest] - times[0]) / NS_PER_S
+        notes.append(
+            f"{plural(len(gaps), 'gap')} between the frames, the longest {steps[longest]:.3g} s, "
+            f"{after_s:.3f} s after the first frame"
+        )
+    return notes
+
+
+def replace_times(times: Sequence[FrameTime], used_ns: Times) -> list[FrameTime]:
+    """Return times with those that are used in their place; an unchanged one keeps its text."""
+    return [
+        time if time.time_ns == used else FrameTime(f"{used / NS_PER_S:.9f}", used)
+        for time, used in zip(times, used_ns.tolist(), strict=True)
+    ]
 
 
 def stamped_times(
@@ -158,12 +176,32 @@ def stamped_times(
         why = "stamps that go back"
     else:
         try:
+            used, more = _check_sorted(where, stamps)
             notes = [f"times: {plural(back, 'frame')} arrived out of order, sorted by stamp"] if back else []
-            return stamps, [*notes, *checked_times(where, np.sort(stamps))]
+            return used, [*notes, *_compare_clocks(stamps, received), *more]
         except InputError:
             why = "stamps that are constant, rounded or not in s, or days apart"
     note = f"times: of receipt, because the frames have {why}"
-    return received, [note, *checked_times(f"{where}, {note}", np.sort(received))]
+    used, more = _check_sorted(f"{where}, {note}", received)
+    return used, [note, *more]
+
+
+def _check_sorted(where: str, times: Times) -> tuple[Times, tuple[str, ...]]:
+    """Check times in another order than that of the frames, see `check_times`."""
+    order, used = np.argsort(times, kind="stable"), np.empty_like(times)
+    used[order], notes = check_times(where, times[order])
+    return used, notes
+
+
+def _compare_clocks(stamps: Times, received: Times) -> list[str]:
+    """Return a warning if the stamps run at another speed than the clock of the receiver."""
+    spans_s = by_stamps_s, received_s = [float(np.ptp(times)) / NS_PER_S for times in (stamps, received)]
+    if abs(by_stamps_s - received_s) <= max(MOST_DRIFT * max(spans_s), LEAST_DRIFT_S):
+        return []
+    return [
+        f"warning: {by_stamps_s:.3g} s by the stamps, which are used, and {received_s:.3g} s by the times of "
+        "receipt: was the bag played at another speed?"
+    ]
 
 
 def container_times(
@@ -187,7 +225,8 @@ def container_times(
         FrameTime(f"{time / NS_PER_S:.6f}", round(time))
         for time in _fill(shown_at, given, NS_PER_S / max(fps, 1e-9)).tolist()
     ]
-    return found, (*notes, *checked_times(where, [time.time_ns for time in found]))
+    used, more = check_times(where, [time.time_ns for time in found])
+    return replace_times(found, used), (*notes, *more)
 
 
 def _fill(times: Times, given: NDArray[np.bool_], step_ns: float) -> NDArray[np.float64]:
@@ -201,11 +240,32 @@ def _fill(times: Times, given: NDArray[np.bool_], step_ns: float) -> NDArray[np.
     return found + np.maximum(places - known[-1], 0) * (np.median(steps) if steps.size else step_ns)
 
 
-def _unit_question(step_s: float) -> str:
+def ask_unit(step_s: float) -> str:
     """Return the question whether times are in another unit, in which the rate would be usual."""
-    low, high = _USUAL_FPS
+    low, high = USUAL_FPS
     guess = next((unit for unit, factor in _UNITS.items() if low <= factor / step_s <= high), "another unit")
     return f"are the times in {guess}?"
+
+
+def times_in_names(names: Sequence[str]) -> tuple[list[FrameTime], str] | None:
+    """Return the times that the names of frames consist of, and a note with their unit; None if they do not.
+
+    These are decimal numbers of s, some with at least three decimals, or ms, microseconds or ns since 1970.
+    They increase, at a usual frame rate.
+    """
+    texts = [text for name in names for text in _TIME_IN_NAME.findall(PurePath(name).stem)]
+    digits = {len(text) for text in texts if "." not in text}
+    unit = _SINCE_1970.get(min(digits, default=0), "s")
+    if len(names) < 2 or len(texts) != len(names) or len(digits) > 1:
+        return None
+    if unit == "s" and (digits or max(len(text.partition(".")[2]) for text in texts) < 3):
+        return None
+    times_ns = [round(Decimal(text) * NS_PER_S / round(_UNITS.get(unit, 1))) for text in texts]
+    rate = NS_PER_S / max(float(np.median(np.diff(times_ns))), 1.0)
+    if min(np.diff(times_ns)) <= 0 or not USUAL_FPS[0] <= rate <= USUAL_FPS[1]:
+        return None
+    note = f"times: those in the names, in {unit}, {rate:.3g} frames per second; --fps sets others"
+    return [FrameTime(f"{time_ns / NS_PER_S:.9f}", time_ns) for time_ns in times_ns], note
 
 
 def times_from_table(table: Path, names: Sequence[str]) -> list[FrameTime]:

@@ -17,6 +17,7 @@ from drivers.types import Image
 from rig.frames.clips import clip_background
 from rig.frames.estimates import apply_zero, estimate_series
 from rig.frames.series import FrameSeries, make_background
+from rig.frames.times import spacing_notes
 from rig.sessions.codec import Codec, json_line, strict
 from rig.sessions.files import write_file
 from rig.tactile.contact.relative import RelativeDifference
@@ -90,7 +91,7 @@ def choose_frames(
             f"\nthe press ends at frame {end}; label a later one in a separate clip, or alone with "
             "--reference"
         )
-    return FrameChoice(frames[0], frames), note
+    return FrameChoice(frames[0], frames), "\n".join([note, *spacing_notes([t.time_ns for t in found.times])])
 
 
 def background_of(clip: Path, series: FrameSeries) -> tuple[Image, str]:

@@ -25,6 +25,7 @@ from drivers.images import encode_png
 from drivers.realtime import ordinary
 from drivers.types import Frame, Image
 from rig.frames.clips import ABOUT, BACKGROUND, FRAMES, TIMES
+from rig.frames.times import spacing_notes
 from rig.live.feed import RECORD, SAVE
 from rig.live.sensor_background import SensorBackground
 from rig.sessions.files import write_json
@@ -75,8 +76,8 @@ class ClipWriter:
     """
 
     def __init__(self, folder: Path, background: Image, about: Mapping[str, object]) -> None:
-        self.folder, self.count = folder, 0
-        self._first_ns = 0
+        self.folder = folder
+        self.times_ns = list[int]()
         try:
             (folder / FRAMES).mkdir(parents=True)
             (folder / f"{BACKGROUND}.png").write_bytes(encode_png(background))
@@ -88,30 +89,38 @@ class ClipWriter:
 
     def add(self, frame: Frame) -> None:
         """Write a frame: its JPEG as received, or a PNG if the source sends none. Raises `RecordingError`."""
-        name = f"{self.count:06d}.{'png' if frame.jpeg is None else 'jpg'}"
-        self._first_ns = frame.time_ns if self.count == 0 else self._first_ns
+        name = f"{len(self.times_ns):06d}.{'png' if frame.jpeg is None else 'jpg'}"
+        first_ns = self.times_ns[0] if self.times_ns else frame.time_ns
         begun = self.folder / FRAMES / f".{name}"
         try:
-            _append(self._times, f"{name},{(frame.time_ns - self._first_ns) / NS_PER_S:.9f}")
+            _append(self._times, f"{name},{(frame.time_ns - first_ns) / NS_PER_S:.9f}")
             begun.write_bytes(frame.jpeg or encode_png(frame.image))
             begun.rename(begun.with_name(name))
         except OSError as error:
             with suppress(OSError):
                 begun.unlink(missing_ok=True)
             raise self._error(error) from error
-        self.count += 1
+        self.times_ns.append(frame.time_ns)
 
     def mark(self, time_ns: int, text: str) -> None:
         """Write a mark into `MARKS` unless its time is before the clip. Raises `RecordingError`."""
-        if self.count == 0 or time_ns < self._first_ns:
+        if not self.times_ns or time_ns < self.times_ns[0]:
             return
         file = self.folder / MARKS
         head = "" if file.exists() else "time_s,text\n"
         try:
             with file.open("ab", buffering=0) as table:
-                _append(table, f"{head}{(time_ns - self._first_ns) / NS_PER_S:.9f},{text}")
+                _append(table, f"{head}{(time_ns - self.times_ns[0]) / NS_PER_S:.9f},{text}")
         except OSError as error:
             raise self._error(error) from error
+
+    @property
+    def summary(self) -> str:
+        """Folder, number of frames, duration, and gaps, such as those of dropped frames."""
+        times = self.times_ns
+        span_s = (times[-1] - times[0]) / NS_PER_S if times else 0.0
+        frames = f"{self.folder}: {plural(len(times), 'frame')}, {span_s:.1f} s"
+        return "; ".join([frames, *spacing_notes(times)])
 
     def close(self) -> None:
         """Close the table of times, which is complete at any time."""
@@ -185,7 +194,7 @@ class Clips:
         done = []
         for writer in self._writers.values():
             writer.close()
-            done.append(f"{writer.folder}: {plural(writer.count, 'frame')}")
+            done.append(writer.summary)
         self._writers = {}
         return f"recorded {'; '.join(done)}"
 
@@ -264,8 +273,7 @@ class Clips:
                             self._pause()
                         for mark in marks:
                             clip.mark(*mark)
-                    span_s = (frames[-1].time_ns - frames[0].time_ns) / NS_PER_S if frames else 0.0
-                    done.append(f"saved {clip.folder}: {plural(clip.count, 'frame')}, {span_s:.1f} s")
+                    done.append(f"saved {clip.summary}")
         except RecordingError as error:
             done.append(str(error))
         self._saved.put("; ".join(done))

@@ -20,7 +20,7 @@ from drivers.values import short_repr
 from rig.frames.estimates import apply_zero, estimate_checked, require_frames_suffice
 from rig.frames.series import FrameSeries, TimedFrame, evenly_spread, find_background
 from rig.frames.streaming import StreamingEstimator, checked_sign
-from rig.frames.times import LEAST_FPS, MAX_FPS, FrameTime, checked_times, sparse_note
+from rig.frames.times import LEAST_FPS, MAX_FPS, FrameTime, check_times, spacing_notes
 from rig.results.metrics import summarize
 from rig.results.scores import AXIS_DEG, TURN_DEG, unwrap
 from rig.sessions.records import ErrorSummary
@@ -92,7 +92,9 @@ def estimate(
     seconds, notes = None, ()
     if times_s is not None:
         seconds = arguments.array("estimate: times_s", times_s, (None,), MAX_TIME_S)
-        notes = checked_times("estimate: times_s", np.rint(seconds * NS_PER_S).astype(np.int64))
+        given_ns = np.rint(seconds * NS_PER_S).astype(np.int64)
+        used_ns, notes = check_times("estimate: times_s", given_ns)
+        seconds = np.where(used_ns == given_ns, seconds, used_ns / NS_PER_S)
     if background is None:
         frames = list(frames)
         if not frames:
@@ -112,8 +114,7 @@ def estimate(
         warnings.warn(f"{check.doubt}: give a frame without contact as background", stacklevel=2)
     if frozen := sum(sample.state is State.FROZEN for sample in found.samples):
         warnings.warn(f"{plural(frozen, 'frame')}: {FROZEN}", stacklevel=2)
-    note = sparse_note([time.time_ns for time in found.times])
-    for text in notes if note is None else (*notes, note):
+    for text in (*notes, *spacing_notes([time.time_ns for time in found.times])):
         _log.warning("estimate: %s", text)
     return apply_zero(found, None).angles
 

@@ -121,6 +121,16 @@ class SlipSample:
         return replace(self, angle_deg=angle, sigma_deg=sigma, rate_deg_s=rate)
 
 
+class TimedImage(Protocol):
+    """A frame with its capture time. image: (H, W, 3) uint8 RGB, None if it could not be read."""
+
+    @property
+    def image(self) -> Image | None: ...
+
+    @property
+    def time_ns(self) -> int: ...
+
+
 class TactileEstimator(Protocol):
     """Turns the frames of one tactile sensor into slip samples, one call per frame."""
 

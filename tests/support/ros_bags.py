@@ -26,11 +26,13 @@ def write_bag(
     storage: str = "mcap",
     encoding: str = "rgb8",
     times_ns: Sequence[int] | None = None,
+    sensors: Sequence[str] = ("tip",),
 ) -> Path:
     """Write a bag of images, by topic; return what to open.
 
     storage: mcap, sqlite3, or ros1. encoding: of raw images, or a format that contains jpeg or png. Pixels
-    are written as they are, whatever the encoding. times_ns: stamps; headers without stamps if None.
+    are written as they are, whatever the encoding. times_ns: stamps; headers without stamps if None. sensors:
+    frame ids of the images, in turn.
     """
     store = get_typestore(Stores.ROS1_NOETIC if storage == "ros1" else Stores.ROS2_HUMBLE)
     plugin = StoragePlugin.SQLITE3 if storage == "sqlite3" else StoragePlugin.MCAP
@@ -40,16 +42,19 @@ def write_bag(
             kind = f"sensor_msgs/msg/{'CompressedImage' if packed else 'Image'}"
             connection = bag.add_connection(topic, kind, typestore=store)
             for number, image in enumerate(frames):
-                message = _message(store.types, kind, image, encoding, times_ns[number] if times_ns else 0)
+                time_ns, frame_id = times_ns[number] if times_ns else 0, sensors[number % len(sensors)]
+                message = _message(store.types, kind, image, encoding, time_ns, frame_id)
                 serialize = store.serialize_ros1 if storage == "ros1" else store.serialize_cdr
                 bag.write(connection, (CLOCK_S + number) * NS_PER_S, serialize(message, kind))
     return path
 
 
-def _message(types: Mapping[str, Any], kind: str, image: Image, encoding: str, time_ns: int) -> Any:
+def _message(
+    types: Mapping[str, Any], kind: str, image: Image, encoding: str, time_ns: int, frame_id: str
+) -> Any:
     fields: dict[str, Any] = {"stamp": types["builtin_interfaces/msg/Time"](*divmod(time_ns, NS_PER_S))}
     header = types["std_msgs/msg/Header"]
-    fields |= {"frame_id": "tip"} | ({"seq": 0} if "seq" in header.__dataclass_fields__ else {})
+    fields |= {"frame_id": frame_id} | ({"seq": 0} if "seq" in header.__dataclass_fields__ else {})
     if kind.endswith("CompressedImage"):
         data = encode_png(image) if "png" in encoding else encode_jpeg(image)
         return types[kind](header(**fields), encoding, np.frombuffer(data, np.uint8))

@@ -1,9 +1,10 @@
 """Detect frames whose difference from the background is no contact.
 
-The camera has been shifted, rows or columns are dead, or strong compression has left blocks of 8 x 8 pixels.
-All of these stand still in the picture, and an estimator follows them as a contact that never turns. A shift
-is recognised because it explains a frame better than the background in its place does, whatever touches the
-gel; a dead line because all its pixels are alike; blocks because neighbours differ more at their borders.
+The camera has been shifted, the background is turned or mirrored, rows or columns are dead, or strong
+compression has left blocks of 8 x 8 pixels. All of these stand still in the picture, and an estimator follows
+them as a contact that never turns. A shift is recognised because it explains a frame better than the
+background in its place does, whatever touches the gel, and a turned background likewise; a dead line because
+all its pixels are alike; blocks because neighbours differ more at their borders.
 """
 
 import math
@@ -37,6 +38,12 @@ ratio of at most 0.045, and 18 SIMULATED lifts 0.006. Smaller shifts are not rep
 px lowers the labels of 12 real clips within 3 degrees from 80 to 63 %."""
 CHECKED, FEWEST = 20, 3
 """Number of newest frames whose mean counts, and fewest frames."""
+TURNS = {"turned by 180 degrees": -1, "mirrored left to right": 1, "mirrored top to bottom": 0}
+"""Ways in which a background can be stored wrong, with the code of `cv2.flip`."""
+PATTERN_PX, TURNED = 40, 0.5
+"""Sides of the copies whose correlation is compared. A background is turned or mirrored if its copy in that
+way correlates better with the frames: mean log ratio of 1 - correlation, without and with it. Right
+backgrounds of real_turns, the balls and the fakes have at most -0.59, turned or mirrored ones 0.6 or more."""
 FLAT, LIVELY = 3, 12
 """A line is dead if its values span at most FLAT grey levels, and at least LIVELY in the background."""
 LINE_PX = 83
@@ -50,6 +57,11 @@ grey levels, from which on blocks may hide a contact. Of 31 real clips with a ra
 at most 1.22 as published, 1.47 after JPEG quality 50, and at least 1.54 after quality 30, which made angles
 of 3 of 19 clips confidently wrong. Two clips with dots, which blocks do not hide, have at most 2.4."""
 
+
+FRAME_LINES, MOST_OF_OTHERS = 2, 1.25
+"""Largest number of borders of blocks, in each direction, at which a picture has an edge for another reason,
+as a black frame has whose width is n blocks. The mean counts as at most MOST_OF_OTHERS times that of the
+others. Of compressed pictures it is at most 1.15 times it (real_turns, balls, JPEG quality 30 and 50)."""
 
 Lines = tuple[Image, Image]
 """The rows and the columns of an image, (lines, px, 3) each, with at most `LINE_PX` pixels of each line."""
@@ -75,6 +87,10 @@ class Misfit:
         self._reduced = _logarithm(work, comparison.light(work))
         self._smaller = _smaller(self._reduced)
         self._px = background.shape[1] / self._reduced.shape[1], background.shape[0] / self._reduced.shape[0]
+        pattern = _pattern(work)
+        self._patterns = [pattern, *(cv2.flip(pattern, code) for code in TURNS.values())]
+        self._turns = deque[list[float]](maxlen=CHECKED)
+        self._turned = ""
         self._shifts = deque[tuple[float, float, float]](maxlen=CHECKED)
         self._shifted_px: float | None = None
         self._dead = deque[tuple[int, int]](maxlen=FEWEST)
@@ -89,7 +105,9 @@ class Misfit:
             return f"the images are so strongly compressed that blocks of {BLOCK_PX} pixels hide the contact"
         lines = zip(("rows", "columns"), self._dead_lines(), strict=True)
         what = [f"dead {name} ({count})" for name, count in lines if count]
-        if self._shifted_px is not None:
+        if self._turned:
+            what.append(f"it is {self._turned}")
+        elif self._shifted_px is not None:
             what.append(f"shifted by about {self._shifted_px:.0f} px")
         return f"the frames do not fit the background: {', '.join(what)}" if what else ""
 
@@ -103,6 +121,12 @@ class Misfit:
             for of, lively in zip(lines, self._lively, strict=True)
         )
         self._dead.append((rows, columns))
+        seen = _pattern(work)
+        own, *others = (1.001 - float((pattern * seen).sum()) for pattern in self._patterns)
+        self._turns.append([math.log(own / other) for other in others])
+        turned = np.mean(self._turns, axis=0)
+        if len(self._turns) >= FEWEST and turned.max() >= TURNED:
+            self._turned = list(TURNS)[int(turned.argmax())]
         self._shifts.append((yield from self._shift_of(_logarithm(work, light))))
         x, y, explained = np.array(self._shifts).T
         # Not taken back later, because a contact that covers the gel hides most of what a shift explains.
@@ -110,7 +134,7 @@ class Misfit:
             size_px = float(np.hypot(*np.average([x, y], axis=1, weights=explained)))
             if size_px >= LEAST_PX:
                 self._shifted_px = size_px
-        return bool(rows or columns or explained[-1] >= EXPLAINED)
+        return bool(rows or columns or explained[-1] >= EXPLAINED or max(self._turns[-1]) >= TURNED)
 
     def add_blocks(self, lines: Lines) -> bool:
         """Measure the blocks of a frame with or without contact; return whether they may hide a contact.
@@ -174,6 +198,13 @@ def _logarithm(work: Image, light: Light) -> NDArray[np.uint16]:
     return np.asarray(cv2.GaussianBlur(cv2.LUT(work, levels[None]), (0, 0), SOFT_PX), np.uint16)
 
 
+def _pattern(work: Image) -> NDArray[np.float32]:
+    """Return a small copy without its mean colour, of length 1, (`PATTERN_PX`, `PATTERN_PX`, 3)."""
+    small = cv2.resize(work, (PATTERN_PX, PATTERN_PX), interpolation=cv2.INTER_AREA).astype(np.float32)
+    small -= small.mean(axis=(0, 1))
+    return np.asarray(small / max(float(np.linalg.norm(small)), 1e-6), np.float32)
+
+
 def _smaller(logarithm: NDArray[np.uint16]) -> tuple[NDArray[np.uint16], NDArray[np.uint16]]:
     """Return copies of a quarter and of half the size."""
     height, width = logarithm.shape[:2]
@@ -225,8 +256,9 @@ def _blocks(lines: Lines) -> tuple[float, float]:
     for of in lines:
         green = cv2.extractChannel(of, 1)
         steps = cv2.reduce(cv2.absdiff(green[1:], green[:-1]), 1, cv2.REDUCE_AVG, dtype=cv2.CV_32F).ravel()
-        at_border = steps[BLOCK_PX - 1 :: BLOCK_PX]
-        at_borders.append(at_border.mean())
+        at_border = np.sort(steps[BLOCK_PX - 1 :: BLOCK_PX])
+        others = at_border[: max(len(at_border) - FRAME_LINES, 1)]
+        at_borders.append(min(at_border.mean(), MOST_OF_OTHERS * others.mean()))
         inside.append((steps.sum() - at_border.sum()) / (len(steps) - len(at_border)))
     border, within = float(np.mean(at_borders)), float(np.mean(inside))
     return border / max(within, 0.1), border - within

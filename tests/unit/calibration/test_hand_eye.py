@@ -380,6 +380,18 @@ def test_pairs_that_do_not_fit_are_refused(
 
 
 @pytest.mark.heavy
+@pytest.mark.parametrize(("size", "verdict"), [(0.97, Verdict.WEAK), (1.2, Verdict.REFUSED)])
+def test_size_of_a_target_in_pictures_is_named_before_its_mounting(size: float, verdict: Verdict) -> None:
+    _, samples = general_scene(np.random.default_rng(5), 12)
+    given = [replace(s, view=replace(s.view, board_m=s.view.board_m / size)) for s in samples]
+    assessment = solved(given).assessment
+    assert assessment.verdict is verdict
+    said = str(assessment).partition("the robot's motions fit a target of ")[2]
+    assert float(said.split()[0]) == pytest.approx(size, abs=0.004)
+    assert "rigidly" not in str(assessment)
+    assert "target of" not in str(solved(samples).assessment)
+
+
 @pytest.mark.parametrize("size", [0.97, *heavy(1.05, 2.0)])
 def test_target_of_another_size_is_rejected_with_the_ratio(size: float) -> None:
     _, samples = pose_pairs(4, 30, size=size, noise=0.5)

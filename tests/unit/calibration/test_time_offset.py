@@ -4,6 +4,7 @@ import warnings
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,7 @@ from scipy.spatial.transform import Rotation
 from calibration.time_offset import TimedSignal, TimeOffset, make_stream, time_offset, turning_rate
 from calibration.verdict import Verdict
 from drivers.errors import CalibrationError
+from rig.calibrate.clocks import solve_pair
 from support.marks import heavy
 from support.motions import wiggle_scene
 
@@ -283,12 +285,29 @@ def test_offset_from_coarse_times_is_refused_with_the_reason() -> None:
     tenths = make_stream(second.time_ns // 10**8 * 10**8, second.values, "camera")
     found = time_offset(first, tenths)
     assert found.offset_s is None
-    assert "several samples share one time" in found.assessment.refusals[0]
+    assert "the times are too coarse" in found.assessment.refusals[0]
 
 
 def test_irregular_bursts_are_refused() -> None:
     rng = np.random.default_rng(5)
     sizes = rng.choice([1, 12], 60)
     times = np.repeat(np.arange(60) * 10**8, sizes)
-    with pytest.raises(CalibrationError, match="irregularly: record the time of each sample"):
+    with pytest.raises(CalibrationError, match="share their times irregularly: record the time"):
         make_stream(times, rng.normal(size=len(times)), "camera")
+
+
+def test_sigma_is_at_least_that_of_the_digits_and_the_unit_of_two_fast_streams_is_asked(
+    tmp_path: Path,
+) -> None:
+    robot, camera = wiggle_scene(np.random.default_rng(4), offset_s=OFFSET_S)
+    for factor, digits in ((1.0, 6), (1.0, 2), (60.0, 9)):
+        for name, stream in (("robot", robot), ("camera", camera)):
+            times = [f"{time_ns / 1e9 / factor:.{digits}f}" for time_ns in stream.time_ns]
+            rows = [f"{time},{value}" for time, value in zip(times, stream.values, strict=True)]
+            (tmp_path / f"{name}.csv").write_text("\n".join(["t_s,value", *rows]))
+        found = solve_pair(tmp_path, "robot", "camera", 0.5 / factor)
+        offset = next(figure for figure in found.figures if figure.name == "add_to_stream_s")
+        asked = [doubt for doubt in found.assessment.doubts if "are the times in minutes?" in doubt]
+        assert len(asked) == (factor > 1.0)
+        if factor == 1.0:
+            assert offset.value is None or offset.sigma >= 10.0**-digits / np.sqrt(12.0)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from drivers.clock import NS_PER_S, SystemClock
-from drivers.errors import DeviceError, FormatError, InputError, RigError
+from drivers.errors import DeviceError, InputError, RigError
 from drivers.images import encode_jpeg, encode_png
 from drivers.interfaces import FrameSource
 from drivers.types import Frame
@@ -17,8 +17,9 @@ from drivers.video.external_camera import GEL_PX, RAW_PX, ExternalCamera, GelSig
 from drivers.video.v4l2 import VideoNode
 from fakes.devices.desk import DeskDigit
 from rig.bench import live_source
-from rig.bench.live_source import CLIP_FRAMES, CLIP_TIMES, live_sources, serial_of
+from rig.bench.live_source import StoredClip, live_sources, serial_of
 from rig.frames.clips import BACKGROUND, FRAMES, TIMES
+from rig.frames.series import read_frames
 
 
 @pytest.fixture
@@ -118,50 +119,36 @@ def video(path: Path, width: int, height: int) -> str:
     return str(path)
 
 
-def test_video_and_folder_run_at_their_own_pace(tmp_path: Path) -> None:
-    clip, folder = video(tmp_path / "clip.avi", 64, 48), tmp_path / "images"
-    folder.mkdir()
-    (folder / "1.png").write_bytes(encode_png(np.zeros((48, 64, 3), np.uint8)))
-    assert [source.rate_hz for source in live_sources([clip, str(folder)], None, None)] == [25.0, 60.0]
-    assert live_sources([str(folder)], None, 10.0)[0].rate_hz == 10.0
-    with pytest.raises(InputError, match="named twice"):
-        live_sources([str(folder)] * 2, None, None)
+def stored_source(path: Path, sensor: str | None = None, fps: float | None = None) -> StoredClip:
+    (source,) = live_sources([str(path)], sensor, fps, {str(path): read_frames(path, fps=fps)})
+    assert isinstance(source, StoredClip)
+    return source
 
 
-def test_folder_of_a_clip_plays_its_frames_and_not_its_background(tmp_path: Path) -> None:
+def test_clip_is_played_at_its_own_times_without_its_background(tmp_path: Path) -> None:
     clip = tmp_path / "pen_2"
-    (clip / CLIP_FRAMES).mkdir(parents=True)
-    for name, grey in ((f"{BACKGROUND}.png", 0), (f"{FRAMES}/0.png", 200)):
-        (clip / name).write_bytes(encode_png(np.full((48, 64, 3), grey, np.uint8)))
-    assert CLIP_FRAMES == FRAMES
-    (source,) = live_sources([str(clip)], None, None)
-    frame = first_frame(source)
-    assert (frame.serial, frame.image.min()) == ("pen_2", 200)
-
-
-def test_clip_runs_at_the_mean_rate_of_its_times(tmp_path: Path) -> None:
-    (tmp_path / FRAMES).mkdir()
-    (tmp_path / FRAMES / "0.png").write_bytes(encode_png(np.zeros((48, 64, 3), np.uint8)))
-    assert CLIP_TIMES == TIMES
-    for text, rate_hz in (
-        ("frame,t_s\n0.png,3.0\n1.png,3.04\n2.png,3.08\n", 25.0),
-        ("frame,t_s\n0.png,3.0\n1.png,3.04\n2.png,3.08\n3.png,63.0\n4.png,63.04\n", 25.0),  # a pause
-        ("frame,t_s\n", 60.0),
-        ("frame,t_s\n0.png,3.0\n1.png,3.0\n", 60.0),
-    ):
-        (tmp_path / TIMES).write_text(text)
-        assert live_sources([str(tmp_path)], None, None)[0].rate_hz == pytest.approx(rate_hz)
-    (tmp_path / TIMES).write_text("frame,t_s\n0.png,0\n1.png,40\n2.png,80\n")
-    with pytest.raises(InputError, match=r"timestamps.csv: 0.025 frames per second .* in ms\?"):
-        live_sources([str(tmp_path)], None, None)
-    assert live_sources([str(tmp_path)], None, 25.0)[0].rate_hz == 25.0
-    (tmp_path / TIMES).write_text("frame,t_s\n0.png,now\n")
-    with pytest.raises(FormatError, match=r"line 2.*t_s"):
-        live_sources([str(tmp_path)], None, None)
+    (clip / FRAMES).mkdir(parents=True)
+    times_s = [3.0, 3.02, 3.04, 3.14]
+    for name, grey in ((BACKGROUND, 0), *((f"{FRAMES}/{i}", 200 + i) for i in range(4))):
+        (clip / f"{name}.png").write_bytes(encode_png(np.full((48, 64, 3), grey, np.uint8)))
+    (clip / TIMES).write_text("\n".join(["frame,t_s", *(f"{i},{t}" for i, t in enumerate(times_s))]))
+    source = stored_source(clip)
+    source.connect()
+    frames = [source.next_frame(5.0) for _ in times_s]
+    assert [int(frame.image[0, 0, 0]) for frame in frames] == [200, 201, 202, 203]
+    since_s = [(frame.time_ns - frames[0].time_ns) / NS_PER_S for frame in frames]
+    assert since_s == pytest.approx([0.0, 0.02, 0.04, 0.14])
+    with pytest.raises(DeviceError, match="all 4 images have been played"):
+        source.next_frame(5.0)
+    assert (source.serial, source.rate_hz, source.counters()["dropped"]) == ("pen_2", pytest.approx(50.0), 0)
+    source.disconnect()
+    assert stored_source(clip, fps=10.0).rate_hz == pytest.approx(10.0)
+    with pytest.raises(InputError, match="named twice"):
+        live_sources([str(clip)] * 2, None, None, {str(clip): read_frames(clip)})
 
 
 def test_frames_of_a_gelsight_mini_are_cropped_to_the_gel(tmp_path: Path) -> None:
-    (source,) = live_sources([video(tmp_path / "mini.avi", 640, 480)], "gelsight-mini", None)
+    source = stored_source(Path(video(tmp_path / "mini.avi", 640, 480)), "gelsight-mini")
     raw = np.zeros((RAW_PX[1], RAW_PX[0], 3), np.uint8)
     raw[400:-400, 540:-540] = (200, 60, 20)
     (tmp_path / "1.jpg").write_bytes(encode_jpeg(raw, 90))

@@ -1,5 +1,6 @@
 """Reading anyone's frames: folders, images, videos, backgrounds."""
 
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -270,3 +271,57 @@ def test_images_of_a_recording_session_are_no_clip(folder: Path) -> None:
     (folder / "poses.jsonl").write_text("")
     with pytest.raises(InputError, match="of several sensors and poses from a recording session, not a clip"):
         read_frames(images)
+
+
+def test_copies_are_left_out_and_other_equal_images_named(folder: Path) -> None:
+    for name in ("frame2 - Copy", "frame2 (1)", "frame3"):
+        shutil.copy(folder / "frame2.png", folder / f"{name}.png")
+    write(folder / "frame1 (2).png", grey(77))  # a number of another program, no copy
+    series = read_frames(folder, fps=10.0)
+    names = ["frame1.png", "frame1 (2).png", "frame2.png", "frame3.png", "frame10.png"]
+    assert [frame.name for frame in series] == names
+    assert series.notes == (
+        "2 copied images left out, as 'frame2 (1).png'",
+        "1 image equal to the image before, byte for byte, as 'frame3.png'",
+    )
+
+
+@pytest.mark.parametrize(
+    ("names", "unit", "since_s"),
+    [
+        (["a_1.005", "a_1.1", "a_1.16"], "s", [0.0, 0.095, 0.155]),
+        (["1763000000.95", "1763000001.0", "1763000001.052"], "s", [0.0, 0.05, 0.102]),
+        ([f"{1763000000950 + 40 * i}" for i in range(3)], "ms", [0.0, 0.04, 0.08]),
+        ([f"{1763000000950000001 + 40_000_000 * i}" for i in range(3)], "ns", [0.0, 0.04, 0.08]),
+        (["1.001", "1.002", "1.003"], None, [0.0, 1 / 60, 1 / 30]),  # frames of lift 1
+        (["1.08", "1.09", "1.10"], None, [0.0, 1 / 60, 1 / 30]),
+    ],
+)
+def test_names_that_are_times_are_used_with_a_note(
+    tmp_path: Path, names: list[str], unit: str | None, since_s: list[float]
+) -> None:
+    for level, name in enumerate(names):
+        write(tmp_path / f"{name}.png", grey(level))
+    series = read_frames(tmp_path)
+    times = [frame.time_ns for frame in series]
+    assert [(time - times[0]) / 1e9 for time in times] == pytest.approx(since_s, abs=1e-6)
+    (note,) = series.notes
+    assert f"those in the names, in {unit}, " in note if unit else "60 frames per second assumed" in note
+    assert read_frames(tmp_path, fps=60.0).notes == ()
+
+
+def test_frames_of_two_sensors_are_refused_with_both_names(tmp_path: Path) -> None:
+    sides = [with_texture(seed) for seed in (1, 2)]
+    frames = [sides[i % 2] + np.uint8(i // 4) for i in range(9)]
+    with pytest.raises(InputError, match="frames '0' and '1' are of two sensors"):
+        list(read_frames(video(tmp_path / "both.avi", frames)))
+    for i in range(2):
+        for side in ("left", "Right"):
+            write(tmp_path / f"{side}_{i}.png", grey(i))
+    with pytest.raises(InputError, match=r"'left_1.png' and 'Right_1.png' are of two sensors"):
+        read_frames(tmp_path)
+
+
+def with_texture(seed: int) -> Image:
+    coarse = np.random.default_rng(seed).integers(60, 160, (8, 6, 3), np.uint8)
+    return np.asarray(cv2.resize(coarse, (48, 64), interpolation=cv2.INTER_CUBIC), np.uint8)

@@ -14,7 +14,7 @@ from drivers.clock import SystemClock
 from drivers.errors import InputError
 from drivers.video.files import VideoStream
 from rig.frames.series import read_frames
-from rig.frames.times import checked_times, container_times, sparse_note, stamped_times
+from rig.frames.times import check_times, container_times, spacing_notes, stamped_times
 from rig.tactile.estimators import choose_estimator
 from rig.tactile.sample import State
 from support.ros_bags import CLOCK_S, TOPIC, write_bag
@@ -32,7 +32,7 @@ NUMBERED = [np.full((64, 48, 3), 8 * i, np.uint8) for i in range(24)]
     "times_ns", [EVEN_NS, EPOCH_NS + EVEN_NS, -EVEN_NS[::-1], 40 * EVEN_NS, EVEN_NS[:1], EVEN_NS[:0]]
 )
 def test_usual_times_are_used_without_a_note(times_ns: NDArray[np.int64]) -> None:
-    assert checked_times("x", times_ns) == ()
+    assert check_times("x", times_ns)[1] == ()
 
 
 @pytest.mark.parametrize(
@@ -41,7 +41,7 @@ def test_usual_times_are_used_without_a_note(times_ns: NDArray[np.int64]) -> Non
         (np.zeros(60), "59 of 60 frames have the time of the previous frame"),
         (np.floor(EVEN_NS / 1e9 * 3), "have the time of the previous frame"),
         (np.float32(1.763e9 + EVEN_NS / 1e9), "rounded as float32"),
-        (np.round(EVEN_NS / 1e9, 1), "have the time of the previous frame"),
+        (np.repeat(np.arange(20) / 2, [1, 5] * 10), "have the time of the previous frame"),
         (np.r_[EVEN_NS[:30], EVEN_NS[:30]] / 1e9, "frame 30 is 0.483333 s before the previous frame"),
         (np.r_[0.0, 2.0, 1.0, 3.0], "frame 2 is 1 s before"),
         (EVEN_NS / 1e3, "are the times in microseconds"),
@@ -53,15 +53,29 @@ def test_usual_times_are_used_without_a_note(times_ns: NDArray[np.int64]) -> Non
 )
 def test_ambiguous_times_are_refused_by_name(seconds: NDArray[np.float64], message: str) -> None:
     with pytest.raises(InputError, match=f"clip: .*{message}"):
-        checked_times("clip", [round(float(t) * 1e9) for t in seconds])
+        check_times("clip", [round(float(t) * 1e9) for t in seconds])
 
 
 def test_few_repeated_times_and_frames_far_apart_are_noted() -> None:
-    (note,) = checked_times("x", [0, 10**7, 10**7, 2 * 10**7, 3 * 10**7])
+    _, (note,) = check_times("x", [0, 10**7, 10**7, 2 * 10**7, 3 * 10**7])
     repeated = "times: 1 frame with the time of the previous frame (first: frame 2): not estimated, 'lost'"
     assert note == repeated
-    assert sparse_note(EVEN_NS) is sparse_note([]) is None
-    assert "16.7 s apart (are the times in ms?)" in (sparse_note(1000 * EVEN_NS) or "")
+    assert spacing_notes(EVEN_NS) == spacing_notes([]) == []
+    assert "16.7 s apart (are the times in ms?)" in spacing_notes(1000 * EVEN_NS)[0]
+    gap = spacing_notes(np.r_[EVEN_NS[:30], EVEN_NS[40:]])
+    assert gap == ["1 gap between the frames, the longest 0.183 s, 0.483 s after the first frame"]
+
+
+@pytest.mark.parametrize(
+    "shared_ns", [EVEN_NS[3::4].repeat(4), np.round(EVEN_NS / 1e8).astype(np.int64) * 10**8]
+)
+def test_times_shared_by_regular_bursts_are_spread_with_a_note(shared_ns: NDArray[np.int64]) -> None:
+    """Four frames with the time of the read, and times of one decimal."""
+    times, (note,) = check_times("x", shared_ns)
+    assert np.abs(times - EVEN_NS).max() < 0.06e9
+    assert np.diff(times).min() > 0.01e9
+    assert np.diff(times).max() < 0.026e9
+    assert "frames share one time every 0." in note
 
 
 @pytest.mark.parametrize("shift", [0, EPOCH_NS])
@@ -73,6 +87,9 @@ def test_good_stamps_are_used_and_sorted(shift: int) -> None:
     times, notes = stamped_times("x", (swapped + 1).tolist(), EVEN_NS.tolist())
     assert times.tolist() == (swapped + 1).tolist()
     assert notes == ["times: 2 frames arrived out of order, sorted by stamp"]
+    times, (note,) = stamped_times("x", (stamps + 1).tolist(), (2 * EVEN_NS).tolist())
+    assert times.tolist() == (stamps + 1).tolist()
+    assert "0.983 s by the stamps, which are used, and 1.97 s by the times of receipt" in note
 
 
 @pytest.mark.parametrize(
@@ -117,6 +134,12 @@ def test_bag_with_constant_stamps_has_the_times_of_receipt(tmp_path: Path) -> No
     series = read_frames(path)
     assert [frame.time_ns for frame in series] == [(CLOCK_S + i) * 10**9 for i in range(4)]
     assert any("of receipt" in note for note in series.notes)
+
+
+def test_bag_whose_topic_has_two_frame_ids_is_refused(tmp_path: Path) -> None:
+    path = write_bag(tmp_path / "x.bag", {TOPIC: NUMBERED[:4]}, sensors=("tip_left", "tip_right"))
+    with pytest.raises(InputError, match="images of two sensors, 'tip_left' and 'tip_right'"):
+        read_frames(path)
 
 
 @pytest.mark.parametrize("suffix", [".mkv", ".webm", ".mp4", ".mov", ".avi"])

@@ -80,6 +80,13 @@ def test_shifted_background_is_named_with_its_shift(desk: list[Frame], way: tupl
     assert float(text.split()[-2]) == pytest.approx(np.hypot(*way), rel=0.45)
 
 
+@pytest.mark.parametrize("name", misfits.TURNS)
+def test_turned_or_mirrored_background_is_named(desk: list[Frame], name: str) -> None:
+    wrong = np.asarray(cv2.flip(background_of(desk), misfits.TURNS[name]), np.uint8)
+    text = misfit(wrong, [frame.image for frame in desk[::6]])
+    assert text == f"the frames do not fit the background: it is {name}"
+
+
 @pytest.mark.parametrize("way", [(8, 0), (-8, 0)])
 def test_shift_along_which_the_gel_hardly_changes_is_named(desk: list[Frame], way: tuple[int, int]) -> None:
     """The light of this gel changes downwards: the size of the shift is less certain."""
@@ -105,6 +112,13 @@ def test_dead_lines_are_named(desk: list[Frame], rows: slice, columns: slice, na
 def test_frame_of_the_size_of_a_block_has_no_blocks() -> None:
     small = np.random.default_rng(0).integers(0, 255, (8, 40, 3), np.uint8)
     assert misfit(small, [small] * 5) == ""
+
+
+def test_black_frame_with_the_width_of_blocks_is_not_compression(desk: list[Frame]) -> None:
+    frames = [np.zeros_like(frame.image) for frame in desk[::6]]
+    for frame, framed in zip(desk[::6], frames, strict=True):
+        framed[16:-16, 24:-24] = frame.image[16:-16, 24:-24]
+    assert misfit(frames[0], frames) == ""
 
 
 @pytest.mark.heavy
@@ -204,8 +218,12 @@ def test_backgrounds_of_real_clips_fit_and_shifted_ones_do_not(real_clips: Path)
     assert all("blocks of 8 pixels" in text for text in strong)
 
 
-def test_backgrounds_of_real_turns_fit() -> None:
+def test_backgrounds_of_real_turns_fit_and_turned_ones_do_not() -> None:
     folder = Path(os.environ.get("RIG_REAL_TURNS", ""))
     if not (folder / "pk_133601").is_dir():
         pytest.skip("RIG_REAL_TURNS does not name the folder that real_turns/make.py makes")
-    assert not any(misfit(*clip) for clip in real_clips_of(folder))
+    clips = real_clips_of(folder)
+    assert not any(misfit(*clip) for clip in clips)
+    for name, code in misfits.TURNS.items():
+        found = [misfit(np.asarray(cv2.flip(image, code), np.uint8), frames) for image, frames in clips]
+        assert sum(name in text for text in found) >= len(clips) - 1, "one gel is nearly symmetric"

@@ -87,7 +87,7 @@ def _source(text: str, sensor: str | None, rate_hz: float | None, clock: Clock) 
     if is_stored(text):
         frames = path / CLIP_FRAMES if (path / CLIP_FRAMES).is_dir() else path
         source = _make(kind, path.name, str(frames), rate_hz or _own_rate(frames), clock)
-        source.wait_for_reader()
+        source.waits = True
         return source
     if not is_device and ("/" in text or path.suffix):
         raise InputError(no_such(path, cure=f"give {_SENSORS}"))

@@ -1,6 +1,12 @@
 """A lab's own drivers, as a module in a separate folder."""
 
 MODULE = "lab_devices"
+OF_OUR_DRIVERS = {
+    "arm": ("host", "frequency_hz"),
+    "gripper": ("transport", "host", "port", "preset"),
+    "camera": ("address",),
+}
+"""Keys of a real bench that these drivers and those of `rig new lab` do not accept."""
 SOURCE = '''
 """Not the rig's."""
 import time

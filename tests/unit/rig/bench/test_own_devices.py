@@ -42,7 +42,7 @@ from rig.config import BenchConfig
 from rig.config.load import parse_bench
 from rig.config.write import bench_text
 from support.benches import real_bench
-from support.own_devices import MODULE, SOURCE
+from support.own_devices import MODULE, OF_OUR_DRIVERS, SOURCE
 from support.own_estimators import forget
 
 TARGET = Pose.from_rotation((0.5, 0.1, 0.2), TOOL_DOWN)
@@ -72,14 +72,6 @@ def values(**options: dict[str, Any]) -> dict[str, Any]:
     for section, of in options.items():
         bench[section]["options"] = of
     return bench
-
-
-OF_OUR_DRIVERS = {
-    "arm": ("host", "frequency_hz"),
-    "gripper": ("transport", "host", "port", "preset"),
-    "camera": ("address",),
-}
-"""Keys that these drivers do not accept."""
 
 
 def config(**options: dict[str, Any]) -> BenchConfig:

@@ -8,21 +8,8 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Protocol
 
 from drivers.errors import DeviceError
+from drivers.motion import Motion
 from drivers.types import ArmLimits, ArmState, Frame, GripperSpec, GripperState, Pose
-
-
-class Motion(Protocol):
-    """A motion in progress."""
-
-    def is_done(self) -> bool:
-        """Whether the motion has ended. Raises the device's error if the motion failed."""
-        ...
-
-    def wait(self, timeout_s: float) -> None:
-        """Block until done. Raises `DeviceTimeoutError` after `timeout_s`, and any error of `is_done`.
-
-        If the wait ends early, also by an interrupt, the motion is stopped.
-        """
 
 
 class Device(Protocol):
@@ -54,10 +41,8 @@ class Device(Protocol):
 class Arm(Device, Protocol):
     """A six-axis arm with a tool centre point. Poses are `base_T_tcp`, m and rad."""
 
-    @property
-    def limits(self) -> ArmLimits:
-        """The limits that motions are checked against."""
-        ...
+    limits: ArmLimits
+    """The limits that motions are checked against."""
 
     def state(self) -> ArmState:
         """Return the newest state. Raises `DeviceError` if it is stale or the connection is lost."""
@@ -106,10 +91,8 @@ class Arm(Device, Protocol):
 class Gripper(Device, Protocol):
     """Two grasping fingers: opening between the fingertips in m, speed in m/s, force in N."""
 
-    @property
-    def spec(self) -> GripperSpec:
-        """Range and resolution of the fingers, range of speed and force."""
-        ...
+    spec: GripperSpec
+    """Range and resolution of the fingers, range of speed and force."""
 
     def activate(self) -> None:
         """Run the activation sequence: the fingers sweep their range. Only on explicit request."""
@@ -146,20 +129,12 @@ class Gripper(Device, Protocol):
 class FrameSource(Device, Protocol):
     """A device that captures frames; frames that are not read in time are counted as dropped."""
 
-    @property
-    def serial(self) -> str:
-        """Serial number, the same after each reconnect."""
-        ...
-
-    @property
-    def rate_hz(self) -> float:
-        """Requested frame rate."""
-        ...
-
-    @property
-    def waits(self) -> bool:
-        """Whether frames wait until they are read, so that none is dropped. Only a file can do this."""
-        return False
+    serial: str
+    """Serial number, the same after each reconnect."""
+    rate_hz: float
+    """Requested frame rate."""
+    waits: bool = False
+    """Whether frames wait until they are read, so that none is dropped. Only a file can do this."""
 
     def next_frame(self, timeout_s: float) -> Frame:
         """Return the oldest frame that was not read yet; wait if there is none. Raises `DeviceTimeoutError`.

@@ -8,7 +8,6 @@ from typing import TypeVar
 
 from drivers.clock import Clock, wait_until
 from drivers.errors import DeviceError, DeviceTimeoutError, OutOfLimitsError
-from drivers.interfaces import Motion
 from drivers.types import ArmLimits, Box, Pose, Vector3, Vector6
 
 UPRIGHT_M = 1e-3
@@ -18,8 +17,13 @@ POLL_S = 0.008
 Joints = TypeVar("Joints", bound=Sequence[float])
 
 
-def check_motion(limits: ArmLimits, target: Pose, speed_m_s: float, acceleration_m_s2: float) -> None:
-    """Raise `OutOfLimitsError` for a target, speed or acceleration outside the limits, or not a number."""
+def check_motion(
+    limits: ArmLimits, start: Pose, target: Pose, speed_m_s: float, acceleration_m_s2: float
+) -> None:
+    """Raise `OutOfLimitsError` for a straight motion that no arm may begin.
+
+    Its target, speed or acceleration is outside the limits or not a number, or it crosses a keep-out box.
+    """
     if not limits.has_inside(target.position_m):
         low, high = limits.workspace_min_m, limits.workspace_max_m
         raise OutOfLimitsError(f"arm: target {target.position_m} m leaves the workspace {low} to {high} m")
@@ -31,6 +35,7 @@ def check_motion(limits: ArmLimits, target: Pose, speed_m_s: float, acceleration
     ):
         if not 0.0 < value <= most:
             raise OutOfLimitsError(f"arm: {what} {value} {unit} is outside 0 to {most} {unit}")
+    check_way(limits, (start, target))
 
 
 def check_way(limits: ArmLimits, way: Sequence[Pose]) -> None:
@@ -84,11 +89,11 @@ def position_text(point: Sequence[float]) -> str:
     return "(" + ", ".join(f"{value:.3f}" for value in point) + ")"
 
 
-class PolledMotion(Motion):
+class Motion:
     """A motion in progress, real or simulated.
 
     device: name for messages. ended: returns whether the device has ended the motion, and raises its error
-    if it failed. stop: stops the device.
+    if it failed; it is polled every `POLL_S`. stop: stops the device.
     """
 
     def __init__(
@@ -97,9 +102,14 @@ class PolledMotion(Motion):
         self._device, self._clock, self._ended, self._stop = device, clock, ended, stop
 
     def is_done(self) -> bool:
+        """Whether the motion has ended. Raises the device's error if the motion failed."""
         return self._ended()
 
     def wait(self, timeout_s: float) -> None:
+        """Block until done. Raises `DeviceTimeoutError` after `timeout_s`, and any error of `is_done`.
+
+        If the wait ends early, also by an interrupt, the motion is stopped.
+        """
         try:
             if not wait_until(self._clock, self.is_done, timeout_s, POLL_S):
                 raise DeviceTimeoutError(

@@ -7,7 +7,7 @@ from typing import Protocol
 
 from drivers.bench import Bench
 from drivers.clock import to_ns
-from drivers.interfaces import Motion
+from drivers.motion import Motion
 from protocols.observer import LiftEvents, ReactionStep
 from protocols.pump import Pump
 from protocols.steps import MOTION_TIMEOUT_S, move_fingers

@@ -18,8 +18,7 @@ import numpy as np
 from drivers.bench import Bench
 from drivers.clock import to_ns
 from drivers.errors import ContactForceError, DeviceError, FingerMotionError, GraspError, OutOfLimitsError
-from drivers.interfaces import Motion
-from drivers.motion import PolledMotion, check_way
+from drivers.motion import Motion, check_way
 from drivers.types import ArmState, GripperSpec, GripperState, HandState, Holding, Pose
 from protocols.observer import LiftObserver, Phase
 from protocols.pump import Pump
@@ -115,7 +114,7 @@ def guard(bench: Bench, motion: Motion, before: ArmState) -> Motion:
             bench.gripper.state()
         return motion.is_done()
 
-    return PolledMotion("arm", bench.clock, has_ended, bench.arm.stop)
+    return Motion("arm", bench.clock, has_ended, bench.arm.stop)
 
 
 def arm_limit_s(full_speed_s: float, state: ArmState | None) -> float:

@@ -20,7 +20,7 @@ from dataclasses import replace
 from drivers.clock import Clock, SystemClock, require_full_speed, to_ns
 from drivers.errors import DeviceError, DeviceTimeoutError, NotConnectedError
 from drivers.interfaces import Gripper
-from drivers.motion import PolledMotion
+from drivers.motion import Motion
 from drivers.robotiq_3f.modbus import GripperLine, Link, StatusSample, rtu_link, tcp_link
 from drivers.robotiq_3f.registers import (
     ECHO_TIMEOUT_S,
@@ -131,6 +131,7 @@ class Robotiq3F(Gripper):
     ) -> None:
         self._link = link
         usual_m_s = sum(spec.speed_m_s) / 2 if speed_m_s is None else speed_m_s
+        self.spec = spec
         self._commands = GripperCommands(tuple(fingers), spec, open_counts, usual_m_s, force_n)
         self._clock = clock or SystemClock()
         require_full_speed(self._clock, link.name, link.host)
@@ -149,10 +150,6 @@ class Robotiq3F(Gripper):
         self._reclosed_from_m: float | None = None
         self._parked: dict[str, int] | None = None
         self._was_ready = False
-
-    @property
-    def spec(self) -> GripperSpec:
-        return self._commands.spec
 
     def connect(self) -> None:
         """Connect to the gripper without moving it; reconnect if it was connected. Raises `DeviceError`."""
@@ -229,7 +226,7 @@ class Robotiq3F(Gripper):
 
     def move_to(
         self, opening_m: float, speed_m_s: float | None = None, force_n: float | None = None
-    ) -> PolledMotion:
+    ) -> Motion:
         """Start moving the grasping fingers to the counts nearest to an opening, and return immediately.
 
         Raises `GripperFaultError` (5: not activated, 6: mode change in progress) and
@@ -239,7 +236,7 @@ class Robotiq3F(Gripper):
         require_ready(status, self._link.name)
         parked = self._parked = self._parked or self._commands.standing(status)
         self._send(self._commands.motion(opening_m, speed_m_s, force_n, status.mode, parked))
-        return PolledMotion("gripper", self._clock, lambda: not self.state().moving, self.stop)
+        return Motion("gripper", self._clock, lambda: not self.state().moving, self.stop)
 
     def stop(self) -> None:
         """Hold the fingers where they are; an activation or a mode change is ended by a reset.

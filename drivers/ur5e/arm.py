@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from drivers.clock import NS_PER_S, Clock, SystemClock, require_full_speed, slowness_of, to_ns, wait_until
 from drivers.errors import DeviceError, DeviceTimeoutError, InputError, NotConnectedError
 from drivers.interfaces import Arm
-from drivers.motion import PolledMotion, check_joints, check_motion, check_way
+from drivers.motion import Motion, check_joints, check_motion
 from drivers.types import ArmLimits, ArmMode, ArmState, Pose, Vector3, Vector6
 from drivers.ur5e.controller import RELEASED, Dashboard, Version, probe_controller, read_speed_fraction
 from drivers.ur5e.heartbeat import BRAKE_M_S2
@@ -82,7 +82,7 @@ class UR5e(Arm):
         frequency_hz: float = 500.0,
     ) -> None:
         """Raises `InputError` for a payload beyond the limit, NaN, and a slowed clock for a real arm."""
-        self._host, self._limits, self._rate_hz = host, limits, frequency_hz
+        self._host, self.limits, self._rate_hz = host, limits, frequency_hz
         self._joint_limits = joint_limits_rad or JOINT_RANGE_RAD
         self.clock: Clock = clock or SystemClock()
         require_full_speed(self.clock, "arm", host)
@@ -100,10 +100,6 @@ class UR5e(Arm):
             )
         if not all(map(math.isfinite, (*self._tool.flange_tcp, *payload_cog_m, frequency_hz))):
             raise InputError("arm: TCP, payload and rate have to be numbers; see the bench file")
-
-    @property
-    def limits(self) -> ArmLimits:
-        return self._limits
 
     def connect(self) -> None:
         """Connect to the arm without moving it.
@@ -169,9 +165,9 @@ class UR5e(Arm):
         `DeviceError` if the control program is not running or the controller rejects the motion.
         """
         link, stops = self._require_link(), self.stops
-        check_motion(self._limits, base_T_tcp, speed_m_s, acceleration_m_s2)
         sample = self.moving_sample()
-        check_way(self._limits, (from_ur(sample.pose), base_T_tcp))
+        start = from_ur(sample.pose)
+        check_motion(self.limits, start, base_T_tcp, speed_m_s, acceleration_m_s2)
         self._ready(link)
         pose = to_ur(base_T_tcp)
         joints = link.control.ask(ControlCommands.joints_for, pose, sample.joints_rad)
@@ -187,7 +183,7 @@ class UR5e(Arm):
         started, before = link.control.ask(command, pose, speed_m_s, acceleration_m_s2, check=not_stopped)
         if not started:
             raise self._refusal(link, "moveL")
-        return ArmMotion(self, base_T_tcp, before, from_ur(sample.pose), stops)
+        return ArmMotion(self, base_T_tcp, before, start, stops)
 
     def begin_guiding(self) -> None:
         """Let a person lead the arm by hand; it carries the tool and payload of the bench file."""
@@ -478,7 +474,7 @@ def _numbers(values: Sequence[float]) -> str:
     return "(" + ", ".join(f"{value:.4g}" for value in values) + ")"
 
 
-class ArmMotion(PolledMotion):
+class ArmMotion(Motion):
     """A straight motion, followed by its operation number and the state stream.
 
     before: number of the operation before it. stops: number of stops of the arm when it was prepared.

@@ -162,37 +162,18 @@ class FrameReader(FrameSource):
 
     Both run in the reader's thread. If they raise `DeviceError`, the source is reopened after 0.1 s; the
     pause doubles with each failure, up to 2 s. The clock must run by itself, because users wait in real time.
+    Set `waits` before `connect` to let the frames of a file wait until they are read: if the reader is too
+    slow, the file is played more slowly. The times of the frames stay those of its frame rate.
     """
 
     def __init__(self, serial: str, rate_hz: float, open_stream: Open, decode: Decode, clock: Clock) -> None:
-        self._serial, self._rate_hz, self._open_stream = serial, rate_hz, open_stream
+        self.serial, self.rate_hz, self._open_stream = serial, rate_hz, open_stream
         self._decode, self._clock = decode, clock
-        self._waits = False
         self._run: _Run | None = None
         # Written by the reader's thread alone.
         self._counts: Counter[str] = Counter()
         self._count = SequenceCounter(rate_hz)
         self._times = CaptureTimes("arrival")
-
-    @property
-    def serial(self) -> str:
-        return self._serial
-
-    @property
-    def rate_hz(self) -> float:
-        return self._rate_hz
-
-    @property
-    def waits(self) -> bool:
-        return self._waits
-
-    def wait_for_reader(self) -> None:
-        """Let the frames of a file wait until they are read, from the next `connect` on; none is dropped.
-
-        If the reader is too slow, the file is played more slowly. The times of the frames stay those of its
-        frame rate.
-        """
-        self._waits = True
 
     @property
     def connected(self) -> bool:
@@ -205,9 +186,9 @@ class FrameReader(FrameSource):
         Raises `DeviceError` if the source cannot be opened, or delivers no frame within 5 s.
         """
         self.disconnect()
-        backlog = max(round(BACKLOG_S * self._rate_hz), 1)
-        run = _Run(FrameBuffer(self._serial, self._clock, backlog, self._waits))
-        run.thread = threading.Thread(target=self._work, args=(run,), name=self._serial, daemon=True)
+        backlog = max(round(BACKLOG_S * self.rate_hz), 1)
+        run = _Run(FrameBuffer(self.serial, self._clock, backlog, self.waits))
+        run.thread = threading.Thread(target=self._work, args=(run,), name=self.serial, daemon=True)
         self._run = run
         run.thread.start()
         try:
@@ -256,7 +237,7 @@ class FrameReader(FrameSource):
     def _require_run(self) -> _Run:
         run = self._run
         if run is None:
-            raise NotConnectedError(f"{self._serial}: read before connect; connect the bench first")
+            raise NotConnectedError(f"{self.serial}: read before connect; connect the bench first")
         return run
 
     # From here on: the reader's thread.
@@ -308,7 +289,7 @@ class FrameReader(FrameSource):
             self._counts[error.kind] += 1
             run.buffer.withhold(str(error))
             return
-        frame = Frame(image, time_ns, sequence, self._serial, jpeg)
+        frame = Frame(image, time_ns, sequence, self.serial, jpeg)
         news.add(frame.image, time_ns)
         self._counts["frozen"] += news.repeated
         self._times = times

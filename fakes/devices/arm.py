@@ -6,7 +6,7 @@ from math import inf
 from drivers.clock import Clock, wait_until
 from drivers.errors import DeviceError, NotConnectedError, ProtectiveStopError
 from drivers.interfaces import Arm
-from drivers.motion import PolledMotion, check_joints, check_motion, check_way
+from drivers.motion import Motion, check_joints, check_motion
 from drivers.types import ArmLimits, ArmMode, ArmState, Pose, Vector6
 from fakes.faults import FaultScript
 from fakes.world.force_torque import FlangeSensor
@@ -55,17 +55,13 @@ class FakeArm(Arm):
         limits: ArmLimits = LIMITS,
         joint_limits_rad: tuple[Vector6, Vector6] | None = None,
     ) -> None:
-        self._limits, self._joint_limits, self._world = limits, joint_limits_rad or ANY_JOINTS, world
+        self.limits, self._joint_limits, self._world = limits, joint_limits_rad or ANY_JOINTS, world
         self._clock, self._faults = clock, faults
         self._connected = False
         self._joints = ELBOW_UP
         self._pose: Pose | None = None
         self._released = self._guided = False
         self._sensor, self._encoders = FlangeSensor(world), Encoders(world.seed)
-
-    @property
-    def limits(self) -> ArmLimits:
-        return self._limits
 
     def connect(self) -> None:
         self._connected = True
@@ -87,21 +83,20 @@ class FakeArm(Arm):
             now,
             to_pose(compose(forward(joints), PHYSICAL_TOOL)),
             joints,
-            None if self._limits.max_contact_force_n is None else self._sensor.sense(now, height_m),
+            None if self.limits.max_contact_force_n is None else self._sensor.sense(now, height_m),
             ArmMode.PROTECTIVE_STOP if self._protective_stop(now) else ArmMode.RUNNING,
         )
 
-    def move_linear(self, base_T_tcp: Pose, speed_m_s: float, acceleration_m_s2: float) -> PolledMotion:  # noqa: N803
+    def move_linear(self, base_T_tcp: Pose, speed_m_s: float, acceleration_m_s2: float) -> Motion:  # noqa: N803
         self._require_connected()
-        check_motion(self._limits, base_T_tcp, speed_m_s, acceleration_m_s2)
-        self._reach(base_T_tcp, self._joint_limits)
         now = self._clock.now_ns()
         start = self._world.tool.pose_at(now)
-        check_way(self._limits, (start, base_T_tcp))
+        check_motion(self.limits, start, base_T_tcp, speed_m_s, acceleration_m_s2)
+        self._reach(base_T_tcp, self._joint_limits)
         self._check_running()
         profile = TrapezoidProfile(now, distance(start, base_T_tcp), speed_m_s, acceleration_m_s2)
         self._world.tool = ToolPath.between(start, base_T_tcp, profile)
-        return PolledMotion("arm", self._clock, self._has_arrived, self.stop)
+        return Motion("arm", self._clock, self._has_arrived, self.stop)
 
     def begin_guiding(self) -> None:
         self._require_connected()

@@ -51,19 +51,12 @@ class FakeSource:
         faults: FaultScript,
         seed: int,
     ) -> None:
+        self.serial, self.rate_hz = names[0], shutter.rate_hz
         self._names, self._shutter, self._render = names, shutter, render
         self._clock, self._faults, self._seed = clock, faults, seed
         self._next: int | None = None
         self._frozen: Frame | None = None
         self._wobble = np.random.default_rng(seed).uniform(-1.0, 1.0, 509).tolist()
-
-    @property
-    def serial(self) -> str:
-        return self._names[0]
-
-    @property
-    def rate_hz(self) -> float:
-        return self._shutter.rate_hz
 
     def connect(self) -> None:
         self._next = max(self._newest_index() + 1, 0)

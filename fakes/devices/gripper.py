@@ -3,7 +3,7 @@
 from drivers.clock import Clock, to_ns
 from drivers.errors import DeviceError, GripperFaultError, NotConnectedError
 from drivers.interfaces import Gripper
-from drivers.motion import PolledMotion
+from drivers.motion import Motion
 from drivers.types import BASIC_MODE, GripperSpec, GripperState
 from fakes.faults import MOTIONLESS, FaultScript, overshot
 from fakes.world.state import BenchLayout
@@ -38,7 +38,7 @@ class FakeGripper(Gripper):
         spec: GripperSpec | None = None,
         period_s: float = 0.0,
     ) -> None:
-        self._spec = spec or nominal_spec(world.layout)
+        self.spec = spec or nominal_spec(world.layout)
         self._period_ns = to_ns(period_s)
         self._world, self._clock, self._faults = world, clock, faults
         self.mode = BASIC_MODE
@@ -51,10 +51,6 @@ class FakeGripper(Gripper):
         """Arguments of the last `move_to`, if no other command was given since."""
         self._most_m: float | None = None
         self._reclosed_from_m: float | None = None
-
-    @property
-    def spec(self) -> GripperSpec:
-        return self._spec
 
     def connect(self) -> None:
         self.disconnect()
@@ -69,7 +65,7 @@ class FakeGripper(Gripper):
         self._require_usable()
         self._clock.sleep_until(self._clock.now_ns() + to_ns(ACTIVATION_S))
         self._activated, self.mode, self._reclosed_from_m = True, BASIC_MODE, None
-        self.move_to(self._spec.open_m).wait(timeout_s=5.0)
+        self.move_to(self.spec.open_m).wait(timeout_s=5.0)
 
     def state(self) -> GripperState:
         self._require_usable()
@@ -82,7 +78,7 @@ class FakeGripper(Gripper):
         squeeze = self._world.squeeze_at(now)
         counts = round(self._world.fingers.position_at(now))
         shown = self._requested if self._has("false_success") else counts
-        opening_m = self._spec.opening_at(shown - self._world.layout.open_counts)
+        opening_m = self.spec.opening_at(shown - self._world.layout.open_counts)
         if self._motion is not None and self._most_m is not None and opening_m > self._most_m:
             before_m, most_m = self._reclosed_from_m, self._most_m
             self._reclosed_from_m = opening_m if before_m is None else max(before_m, opening_m)
@@ -103,7 +99,7 @@ class FakeGripper(Gripper):
 
     def move_to(
         self, opening_m: float, speed_m_s: float | None = None, force_n: float | None = None
-    ) -> PolledMotion:
+    ) -> Motion:
         """Start moving the fingers; they stall if an object resists with `force_n`, 15 N by default.
 
         speed_m_s: by default the middle of the range.
@@ -114,18 +110,18 @@ class FakeGripper(Gripper):
                 "gripper: not activated; ask for activation first (the fingers will sweep their range)",
                 ACTIVATION_NEEDED,
             )
-        self._spec.require_command(opening_m, speed_m_s, force_n)
+        self.spec.require_command(opening_m, speed_m_s, force_n)
         self._motion, self._most_m = (opening_m, speed_m_s, force_n), None
         layout = self._world.layout
-        position_counts = layout.open_counts + self._spec.step_at(opening_m)
+        position_counts = layout.open_counts + self.spec.step_at(opening_m)
         self._force_n = STALL_FORCE_N if force_n is None else force_n
-        speed_m_s = sum(self._spec.speed_m_s) / 2 if speed_m_s is None else speed_m_s
+        speed_m_s = sum(self.spec.speed_m_s) / 2 if speed_m_s is None else speed_m_s
         now = self._clock.now_ns() + self._period_ns
         end = self._end(position_counts, now)
         self._requested, self._drifts = position_counts, False
         self._stalls = self._stall_counts(now) <= end < position_counts
         self._world.fingers = self._world.fingers.sent_to(end, speed_m_s / layout.opening_per_count_m, now)
-        return PolledMotion("gripper", self._clock, self._has_arrived, self.stop)
+        return Motion("gripper", self._clock, self._has_arrived, self.stop)
 
     def keep_grip(self, most_m: float) -> None:
         """Keep the grip as `Gripper.keep_grip` describes. The fingers are checked when the state is read."""

@@ -144,7 +144,7 @@ class StoredClip(FrameReader):
             path.name, clip.rate_hz, lambda: _ClipStream(path, clip, clock), self._decode_as, clock
         )
         self._kind = kind
-        self.wait_for_reader()
+        self.waits = True
 
     def _decode_as(self, raw: RawFrame) -> tuple[Image, bytes | None]:
         image, jpeg = decode_frame(raw, None, upright=self._kind == "digit")

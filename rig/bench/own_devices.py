@@ -8,7 +8,7 @@ then checks limits before a motion, answers and errors (`CheckedDevice`).
 import inspect
 import logging
 from collections.abc import Callable, Iterable, Iterator, Mapping, Set
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from typing import Any, cast
 
 import numpy as np
@@ -22,8 +22,8 @@ from drivers.errors import (
     InvalidStateError,
     RigError,
 )
-from drivers.interfaces import Arm, FrameSource, Gripper, Motion, TactileSensor
-from drivers.motion import check_motion, check_way
+from drivers.interfaces import Arm, FrameSource, Gripper, TactileSensor
+from drivers.motion import Motion, check_motion
 from drivers.named_classes import named_class, raised_text
 from drivers.types import ArmLimits, ArmState, Frame, GripperSpec, GripperState, Pose
 from drivers.values import require_fraction, require_integer
@@ -44,7 +44,7 @@ class CheckedDevice:
     """
 
     def __init__(self, driver: Any, named: str, device: str, kind: type[Any]) -> None:
-        self._driver, self._named, self._kind = driver, named, kind
+        self._driver, self._named, self._device, self._kind = driver, named, device, kind
         self._whose = f"{device}: driver '{named}'"
 
     def __getattr__(self, name: str) -> Callable[..., Any]:
@@ -66,12 +66,12 @@ class CheckedDevice:
             raise
 
     def _ask(self, what: str, *given: Any) -> Any:
-        with self.reporting(what):
+        with self._reporting(what):
             own = getattr(self._driver, what, None)
             return own(*given) if own else getattr(self._kind, what)(self, *given)
 
     @contextmanager
-    def reporting(self, what: str) -> Iterator[None]:
+    def _reporting(self, what: str) -> Iterator[None]:
         """Convert the driver's exceptions to `DeviceError`; add its name to an `InvalidStateError`."""
         try:
             yield
@@ -82,16 +82,22 @@ class CheckedDevice:
         except Exception as error:
             raise DeviceError(f"{self._whose}: {what} raised {raised_text(error)}; fix the driver") from error
 
-    def _move(self, what: str, *given: Any) -> Motion:
+    def _move(self, clock: Clock, what: str, *given: Any) -> Motion:
+        """Begin a motion of the driver; the rig polls its `is_done`, and stops the device if that fails."""
         motion = self._ask(what, *given)
-        with self.reporting(what):
-            if not (callable(getattr(motion, "is_done", None)) and callable(getattr(motion, "wait", None))):
+        with self._reporting(what):
+            if not callable(getattr(motion, "is_done", None)):
                 raise TypeError(f"{type(motion).__name__} instead of Motion")
-        return _CheckedMotion(motion, self)
+
+        def is_done() -> bool:
+            with self._reporting("a motion's is_done"):
+                return bool(motion.is_done())
+
+        return Motion(self._device, clock, is_done, self.stop)
 
     def _current_state(self, kind: type[Any], now_ns: int, stale_s: float) -> Any:
         """Return the newest state. Raise if it is old or from the future: no motion would stop in time."""
-        with self.reporting("state"):
+        with self._reporting("state"):
             state = self._driver.state()
             _require_type(state, kind)  # only these types validate their values
             age_s = (now_ns - state.time_ns) / NS_PER_S
@@ -105,26 +111,6 @@ class CheckedDevice:
                 f"{self._whose}: the time of its state is {-age_s:.2f} s in the future; use clock.now_ns()"
             )
         return state
-
-
-class _CheckedMotion(Motion):
-    """A motion of a lab's device. Whatever ends its wait early, the device is stopped."""
-
-    def __init__(self, motion: Any, device: CheckedDevice) -> None:
-        self._motion, self._device = motion, device
-
-    def is_done(self) -> bool:
-        with self._device.reporting("a motion's is_done"):
-            return bool(self._motion.is_done())
-
-    def wait(self, timeout_s: float) -> None:
-        try:
-            with self._device.reporting("a motion's wait"):
-                self._motion.wait(timeout_s)
-        except BaseException:
-            with suppress(DeviceError):  # the first error is more informative
-                self._device.stop()
-            raise
 
 
 class CheckedArm(CheckedDevice):
@@ -151,15 +137,14 @@ class CheckedArm(CheckedDevice):
         return state
 
     def move_linear(self, base_T_tcp: Pose, speed_m_s: float, acceleration_m_s2: float) -> Motion:  # noqa: N803
-        check_motion(self.limits, base_T_tcp, speed_m_s, acceleration_m_s2)
-        check_way(self.limits, (self.state().base_T_tcp, base_T_tcp))
-        return self._move("move_linear", base_T_tcp, speed_m_s, acceleration_m_s2)
+        check_motion(self.limits, self.state().base_T_tcp, base_T_tcp, speed_m_s, acceleration_m_s2)
+        return self._move(self._clock, "move_linear", base_T_tcp, speed_m_s, acceleration_m_s2)
 
     def speed_fraction(self) -> float | None:
         """Return the speed fraction at which motions would run, None if unknown. Raises `DeviceError`."""
         fraction: float | None = self._ask("speed_fraction")
         if fraction is not None:
-            with self.reporting("speed_fraction"):
+            with self._reporting("speed_fraction"):
                 require_fraction("the arm's speed_fraction", fraction)
         return fraction
 
@@ -174,7 +159,7 @@ class CheckedGripper(CheckedDevice):
     def state(self) -> GripperState:
         """Return the newest state. Raises `DeviceError`, also for an opening outside the range."""
         state: GripperState = self._current_state(GripperState, self._clock.now_ns(), GRIPPER_STALE_S)
-        with self.reporting("state"):
+        with self._reporting("state"):
             self.spec.require_possible(state.opening_m)
         return state
 
@@ -182,7 +167,7 @@ class CheckedGripper(CheckedDevice):
         self, opening_m: float, speed_m_s: float | None = None, force_n: float | None = None
     ) -> Motion:
         self.spec.require_command(opening_m, speed_m_s, force_n)
-        return self._move("move_to", opening_m, speed_m_s, force_n)
+        return self._move(self._clock, "move_to", opening_m, speed_m_s, force_n)
 
 
 class CheckedSource(CheckedDevice):
@@ -204,7 +189,7 @@ class CheckedSource(CheckedDevice):
 
     def _frame(self, what: str, limit_s: float) -> Frame:
         frame = self._ask(what, limit_s)
-        with self.reporting(what):
+        with self._reporting(what):
             _require_type(frame, Frame)
             _require_type(frame.image, np.ndarray)
             given = (frame.image.dtype, frame.image.shape, frame.serial)

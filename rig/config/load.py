@@ -64,15 +64,14 @@ def parse_bench(text: str, name: str) -> BenchConfig:
         config = BenchConfig.model_validate_json(document, strict=True)
     except ValidationError as error:
         raise refusal(name, faults_of(error, BenchConfig), text) from error
-    if wrong := list(inconsistencies(config)):
-        raise refusal(name, wrong, text)
+    require_consistent(config, name, text)
     return config
 
 
-def require_consistent(config: BenchConfig, name: str) -> None:
-    """Raise `InputError` if keys of a bench contradict each other. name: of its file in the message."""
+def require_consistent(config: BenchConfig, name: str, text: str | None = None) -> None:
+    """Raise `InputError` if keys of a bench contradict each other. name, text: of its file, for messages."""
     if wrong := list(inconsistencies(config)):
-        raise refusal(name, wrong)
+        raise refusal(name, wrong, text)
 
 
 def _placeholders(value: Any, where: tuple[str | int, ...]) -> Iterator[KeyFault]:

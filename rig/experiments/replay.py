@@ -8,6 +8,7 @@ the others continue.
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import partial
+from importlib.util import find_spec
 from pathlib import Path
 
 from drivers.clock import NS_PER_S
@@ -35,7 +36,7 @@ from rig.sessions.recording_file import Gaps, gaps_text
 from rig.sessions.records import Lift, ReplayTiming
 from rig.sessions.rows import read_usable_lifts
 from rig.sessions.session import open_session
-from rig.sessions.table_files import Line, csv_bytes, has_parquet, parquet_bytes
+from rig.sessions.table_files import Line, csv_bytes, parquet_bytes
 from rig.tactile.angles import FUSED
 from rig.tactile.estimators import choose_estimator
 
@@ -192,7 +193,7 @@ def run_replays(
         rows = sorted(done.values(), key=_key)
         rows += [broken_row(str(folder), problem) for folder, problem in plan.broken]
         session.write("results.csv", csv_bytes(COLUMNS, rows))
-        if has_parquet():
+        if find_spec("pyarrow") is not None:
             session.write("results.parquet", parquet_bytes(COLUMNS, rows))
         if not any(row["problem"] for row in rows) and not session.complete:
             session.rows[:] = rows

@@ -3,7 +3,6 @@
 import csv
 import io
 from collections.abc import Iterable, Mapping
-from importlib.util import find_spec
 from typing import Any
 
 from drivers.errors import InputError
@@ -49,10 +48,6 @@ def parquet_bytes(
 def unit_of(column: str) -> str | None:
     """Return the unit in a column's name; None for text, numbers and quaternions."""
     return next((unit for end, unit in UNITS.items() if column.endswith(end)), None)
-
-
-def has_parquet() -> bool:
-    return find_spec("pyarrow") is not None
 
 
 def pyarrow_modules() -> tuple[Any, Any]:

@@ -59,13 +59,3 @@ def test_dry_run_reports_refused_motions_and_unreachable_devices(tmp_path: Path)
     assert "cannot reach 127.0.0.9" in done.stdout
     assert "- arm reached" in done.stdout
     assert "WOULD BE REFUSED: t1/1 wrench: arm: 0.250 m/s is more than 0.2 m/s" in done.stdout
-
-
-def test_plan_warns_if_the_arm_has_no_force_sensor(tmp_path: Path) -> None:
-    bench = load_bench("fake")
-    arm = bench.arm.model_copy(update={"force_sensor": False})
-    write_bench(tmp_path / "bench.toml", bench.model_copy(update={"arm": arm}))
-    done = rig("trial", "--object", "wrench", "--lifts", "1", "--bench", tmp_path / "bench.toml", "--dry-run")
-    assert done.returncode == 0, done.stderr
-    assert "WARNING: the arm has no force sensor" in done.stdout
-    assert "way down is NOT GUARDED" in done.stdout.replace("\n", " ")

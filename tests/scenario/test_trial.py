@@ -16,7 +16,6 @@ from rig.config import BenchConfig
 from rig.experiments.lift_plan import TrialSettings, stored_trial
 from rig.experiments.replay import run_replay
 from rig.experiments.trial import run_trial
-from rig.results.summary import TrialSummary
 from rig.sessions.rows import read_finished_lifts, read_lifts
 from rig.tactile.estimators import choose_estimator
 from support.benches import lighter, short_phases
@@ -25,11 +24,6 @@ from support.marks import heavy
 from support.waiting import until
 
 pytestmark = pytest.mark.heavy
-
-
-def trial(folder: Path, lifts: int = 2, jobs: int = 1, **bench: object) -> TrialSummary:
-    config = BenchConfig.model_validate({**lighter().model_dump(), **bench})
-    return run_trial(folder, TrialSettings(config, 0, choose_estimator("pca")), ["t2"], lifts, jobs=jobs)
 
 
 def contents(folder: Path) -> dict[str, bytes]:
@@ -46,8 +40,9 @@ def contents(folder: Path) -> dict[str, bytes]:
 
 
 def test_parallel_trial_writes_the_same_bytes_as_a_sequential_one(tmp_path: Path) -> None:
+    settings = TrialSettings(lighter(), 0, choose_estimator("pca"))
     for name, jobs in (("parallel", 2), ("sequential", 1)):
-        trial(tmp_path / name, jobs=jobs)
+        run_trial(tmp_path / name, settings, ["t2"], lifts=2, jobs=jobs)
     assert contents(tmp_path / "parallel") == contents(tmp_path / "sequential")
 
 
@@ -83,16 +78,6 @@ def test_swapped_recordings_of_two_lifts_swap_their_estimates(two_lifts: Path, t
     assert first != second
     replayed = run_replay(stored_trial(swapped), jobs=1).rows
     assert [row.final_estimate_deg for row in replayed] == [second, first]
-
-
-def test_faulty_lift_is_kept_and_repeated_until_accepted(tmp_path: Path) -> None:
-    fault = {"device": "arm", "kind": "protective_stop", "at_s": 8.0, "lift": "t2/1"}
-    summary = trial(tmp_path / "s", lifts=1, faults=[fault])
-    rows = read_lifts(tmp_path / "s")
-    assert [(row.attempt, row.accepted) for row in rows] == [(0, False), (1, True)]
-    assert summary.lifts_accepted == 1
-    assert (tmp_path / "s" / rows[0].recording).exists()
-    assert (tmp_path / "s" / rows[1].recording).exists()
 
 
 @pytest.fixture

@@ -44,22 +44,12 @@ def write_desk_clip(folder: Path, until_s: float, every: int = 1) -> list[Frame]
 class GivenFrames(FrameSource):
     """Hands out frames at once, with their own intervals from now on, and then ends as a file does."""
 
+    waits = True
+
     def __init__(self, frames: Sequence[Frame], serial: str = "GIVEN", rate_hz: float = RATE_HZ) -> None:
-        self._frames, self._serial, self._rate_hz = list(frames), serial, rate_hz
+        self._frames, self.serial, self.rate_hz = list(frames), serial, rate_hz
         self.connected = False
         self._later_ns: int | None = None
-
-    @property
-    def serial(self) -> str:
-        return self._serial
-
-    @property
-    def rate_hz(self) -> float:
-        return self._rate_hz
-
-    @property
-    def waits(self) -> bool:
-        return True
 
     def connect(self) -> None:
         self.connected = True

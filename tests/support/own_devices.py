@@ -1,6 +1,12 @@
 """A lab's own drivers, as a module in a separate folder."""
 
 MODULE = "lab_devices"
+OF_OUR_DRIVERS = {
+    "arm": ("host", "frequency_hz"),
+    "gripper": ("transport", "host", "port", "preset"),
+    "camera": ("address",),
+}
+"""Keys of a real bench that these drivers and those of `rig new lab` do not accept."""
 SOURCE = '''
 """Not the rig's."""
 import time
@@ -45,15 +51,13 @@ class Eye(ExternalCamera):
 
 
 class Motion:
-    def __init__(self, arm, target):
-        self.arm, self.target = arm, target
+    def __init__(self, stuck=False):
+        self.stuck = stuck
 
     def is_done(self):
-        return True
-
-    def wait(self, timeout_s):
-        if self.arm.stuck:
+        if self.stuck:
             raise KeyError("joint 3")
+        return True
 
 
 class Plain(Arm):
@@ -84,7 +88,7 @@ class Plain(Arm):
     def move_linear(self, base_T_tcp, speed_m_s, acceleration_m_s2):
         self.heard.append("move")
         self.pose = base_T_tcp
-        return "moved" if self.behaviour == "no motion" else Motion(self, base_T_tcp)
+        return "moved" if self.behaviour == "no motion" else Motion(self.stuck)
 
     def stop(self):
         if self.stuck:
@@ -113,8 +117,7 @@ class Fingers(Gripper):
 
     def move_to(self, opening_m, speed_m_s=None, force_n=None):
         self.at = opening_m
-        self.stuck = False
-        return Motion(self, opening_m)
+        return Motion()
 
     def stop(self):
         pass

@@ -14,7 +14,7 @@ import numpy as np
 from drivers.clock import NS_PER_S, Clock, to_ns
 from drivers.errors import GripperFaultError, NotConnectedError
 from drivers.interfaces import Arm, Gripper, TactileSensor
-from drivers.motion import PolledMotion
+from drivers.motion import Motion
 from drivers.types import ArmLimits, ArmMode, ArmState, GripperSpec, GripperState, Image, Pose, Vector3
 from drivers.video.reader import FrameReader
 from drivers.video.stream import FrameStream, RawFrame, decode_frame
@@ -161,11 +161,11 @@ class MyLabArm(Arm):
         pose, joints = Pose((x, y, z), self._turned), (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
         return ArmState(self._clock.now_ns(), pose, joints, None, ArmMode.RUNNING)
 
-    def move_linear(self, base_T_tcp: Pose, speed_m_s: float, acceleration_m_s2: float) -> PolledMotion:  # noqa: N803
+    def move_linear(self, base_T_tcp: Pose, speed_m_s: float, acceleration_m_s2: float) -> Motion:  # noqa: N803
         """Start a straight motion and return immediately."""
         self._travel.begin(base_T_tcp.position_m, speed_m_s)
         self._turned = base_T_tcp.quaternion_xyzw
-        return PolledMotion("arm", self._clock, lambda: not self._travel.moving(), self.stop)
+        return Motion("arm", self._clock, lambda: not self._travel.moving(), self.stop)
 
     def stop(self) -> None:
         """Stop as fast as the arm can. Callable from any thread at any time; raises no error."""
@@ -204,12 +204,12 @@ class MyLabGripper(Gripper):
 
     def move_to(
         self, opening_m: float, speed_m_s: float | None = None, force_n: float | None = None
-    ) -> PolledMotion:
+    ) -> Motion:
         """Start moving the fingers and return immediately. Use default speed and force if they are None."""
         if not self.state().activated:
             raise GripperFaultError("gripper: not activated; the next trial asks for it", 5)
         self._travel.begin((opening_m,), speed_m_s or SPEED_M_S)
-        return PolledMotion("gripper", self._clock, lambda: not self._travel.moving(), self.stop)
+        return Motion("gripper", self._clock, lambda: not self._travel.moving(), self.stop)
 
     def stop(self) -> None:
         """Hold the fingers where they are."""

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from drivers.clock import to_ns
 from drivers.errors import DeviceError, DeviceTimeoutError, OutOfLimitsError
-from drivers.motion import POLL_S, PolledMotion, check_joints, check_motion, check_way, meets
+from drivers.motion import POLL_S, Motion, check_joints, check_motion, check_way, meets
 from drivers.types import ArmLimits, Box, Pose, Vector3
 from drivers.ur5e.status import JOINT_RANGE_RAD
 from fakes.clock import SimulatedClock
@@ -51,7 +51,7 @@ def test_motion_is_stopped_at_its_time_limit_and_by_any_error_which_is_raised(
         if stop_fails:
             raise DeviceError("hand: does not listen")
 
-    motion = PolledMotion("hand", clock, lambda: clock.now_ns() >= to_ns(0.2) and later(), stop)
+    motion = Motion("hand", clock, lambda: clock.now_ns() >= to_ns(0.2) and later(), stop)
     with pytest.raises(error, match=said or None):
         motion.wait(1.0)
     assert len(stops) == 1
@@ -68,14 +68,15 @@ def test_motion_is_stopped_at_its_time_limit_and_by_any_error_which_is_raised(
         (INSIDE, 0.0, 0.5, "speed"),
         (INSIDE, math.nan, 0.5, "speed"),
         (INSIDE, 0.1, math.inf, "acceleration"),
+        (INSIDE.translated(x_m=0.1, z_m=-0.2), 0.1, 0.5, "leads the hand into 'stand'"),
     ],
 )
 def test_motion_outside_the_limits_is_rejected(
     target: Pose, speed: float, acceleration: float, said: str
 ) -> None:
-    check_motion(LIMITS, INSIDE, 0.1, 0.5)
+    check_motion(LIMITS, INSIDE, INSIDE, 0.1, 0.5)
     with pytest.raises(OutOfLimitsError, match=said):
-        check_motion(LIMITS, target, speed, acceleration)
+        check_motion(LIMITS, INSIDE, target, speed, acceleration)
 
 
 def test_joints_beyond_their_range_are_rejected() -> None:

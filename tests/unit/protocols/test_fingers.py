@@ -250,8 +250,8 @@ def test_fingers_move_at_the_limit_of_a_slower_or_faster_gripper(
     lift_of: LiftOf, speeds_m_s: tuple[float, float], asked_m_s: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     bench = lift_of().bench
-    spec, move_to, asked = replace(bench.gripper.spec, speed_m_s=speeds_m_s), bench.gripper.move_to, []
-    monkeypatch.setattr(type(bench.gripper), "spec", spec)
+    move_to, asked = bench.gripper.move_to, []
+    bench.gripper.spec = replace(bench.gripper.spec, speed_m_s=speeds_m_s)
     monkeypatch.setattr(
         bench.gripper, "move_to", lambda to_m, speed: asked.append(speed) or move_to(to_m, speed)
     )

@@ -46,11 +46,10 @@ def test_arm_stops_and_rises_if_the_fingers_meet_the_table(lift_of: LiftOf) -> N
 @pytest.mark.heavy
 @pytest.mark.parametrize("most_n", [1e4, None])
 def test_force_limit_is_that_of_the_bench_file_and_without_a_sensor_there_is_none(
-    lift_of: LiftOf, monkeypatch: pytest.MonkeyPatch, most_n: float | None
+    lift_of: LiftOf, most_n: float | None
 ) -> None:
     lift = lift_of()
-    limits = replace(lift.bench.arm.limits, max_contact_force_n=most_n)
-    monkeypatch.setattr(lift.bench.arm, "_limits", limits)
+    lift.bench.arm.limits = replace(lift.bench.arm.limits, max_contact_force_n=most_n)
     raise_table(lift.bench, lift.plan.base_T_grasp.position_m[2] + 0.02)
     assert (lift.bench.arm.state().wrench is None) == (most_n is None)
     assert lift.run() == "done"

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from drivers.bench import Bench
 from drivers.errors import DeviceError, OperatorStopError, OutOfLimitsError
-from drivers.interfaces import Motion
+from drivers.motion import Motion
 from drivers.types import Pose
 from protocols.readiness import make_ready
 from protocols.steps import CLEARANCE_M, go_home

@@ -182,14 +182,13 @@ def test_emergency_stop_in_the_hold_phase_is_noticed_within_two_frames(
     ],
 )
 def test_plan_beyond_the_limits_is_rejected_before_any_motion(
-    lift_of: LiftOf, monkeypatch: pytest.MonkeyPatch, width_m: float, box_z_m: float, said: str
+    lift_of: LiftOf, width_m: float, box_z_m: float, said: str
 ) -> None:
     lift = lift_of()
     x, y, _ = lift.plan.base_T_grasp.position_m
     box = Box("lamp", (x - 0.05, y - 0.05, box_z_m), (x + 0.05, y + 0.05, box_z_m + 0.02))
     lift.plan = replace(lift.plan, lift_height_m=0.2, width_m=width_m)
-    limits = replace(lift.bench.arm.limits, keep_out=(box,))
-    monkeypatch.setattr(FakeArm, "limits", property(lambda arm: limits))
+    lift.bench.arm.limits = replace(lift.bench.arm.limits, keep_out=(box,))
     before = (lift.pose, lift.counts)
     with pytest.raises(OutOfLimitsError, match=said):
         run_lift(lift.bench, lift.plan, lift.observer)

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from drivers.interfaces import Motion
+from drivers.motion import Motion
 from drivers.types import ArmState, Holding, Pose
 from fakes.devices.arm import FakeArm
 

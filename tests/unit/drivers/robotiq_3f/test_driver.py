@@ -8,7 +8,7 @@ from pymodbus.client import ModbusTcpClient
 
 from drivers.clock import SystemClock
 from drivers.errors import DeviceTimeoutError, GripperFaultError, InputError
-from drivers.interfaces import Motion
+from drivers.motion import Motion
 from drivers.robotiq_3f.gripper import Robotiq3F, tcp_link
 from drivers.robotiq_3f.modbus import Link
 from drivers.robotiq_3f.registers import MODE_CHANGE_PENDING, Command, GraspMode, pack_command, unpack_status

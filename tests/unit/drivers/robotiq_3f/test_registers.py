@@ -21,7 +21,6 @@ from drivers.robotiq_3f.registers import (
     speed_counts,
     unpack_status,
 )
-from support.gripper_registers import pack_status
 
 counts = st.integers(0, 255)
 statuses = st.builds(
@@ -34,6 +33,16 @@ statuses = st.builds(
     fault=counts,
     axes=st.tuples(*[st.builds(AxisState, counts, counts, counts, st.sampled_from(ObjectStatus))] * 4),
 )
+
+
+def pack_status(status: Status) -> tuple[int, ...]:
+    """Return the 8 registers of a status, the inverse of `unpack_status`."""
+    gripper = status.activated | status.mode << 1 | status.go_to << 3
+    gripper |= status.stage << 4 | status.motion << 6
+    objects = sum(axis.status << 2 * number for number, axis in enumerate(status.axes))
+    axes = [value for axis in status.axes for value in (axis.requested, axis.position, axis.current)]
+    data = [gripper, objects, status.fault, *axes, 0]
+    return tuple(high << 8 | low for high, low in zip(data[::2], data[1::2], strict=True))
 
 
 def image(data: str) -> tuple[int, ...]:

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
 from drivers.errors import DeviceError, GripperFaultError, NotConnectedError, OutOfLimitsError
-from drivers.interfaces import Motion
+from drivers.motion import Motion
 from drivers.robotiq_3f.gripper import Robotiq3F, tcp_link
 from fakes.wire.gripper.server import GripperServer
 from support.finger_counts import opening_m

@@ -63,7 +63,7 @@ def test_file_waits_for_a_late_reader(recording: Path, monkeypatch: pytest.Monke
     camera = ExternalCamera("C1", str(recording), RATE_HZ, (64, 48))
     with pytest.raises(NotConnectedError, match="connect"):
         camera.next_frame(0.1)
-    camera.wait_for_reader()
+    camera.waits = True
     camera.connect()
     until(lambda: camera.counters()["frames"] == 6, 10.0)  # five unread frames, and one that waits for room
     frames = [camera.next_frame(10.0) for _ in IMAGES]

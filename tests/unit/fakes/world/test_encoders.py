@@ -1,7 +1,6 @@
 """The noise of the simulated arm's joint angles, in the process and over the wire protocol."""
 
 from collections.abc import Callable
-from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -14,7 +13,6 @@ from fakes.devices.arm import FakeArm
 from fakes.faults import FaultScript
 from fakes.wire.ur.robot import CYCLE_NS, Robot
 from fakes.world.kinematics import ENCODER_RAD, PHYSICAL_TOOL, compose, forward
-from rig.export.messages import ContinuousPoses
 from support.benches import NOISE_M
 from support.worlds import HOME, empty_world
 
@@ -52,16 +50,3 @@ def test_arm_at_rest_reports_joints_and_pose_with_noise(samples: Callable[[int],
     assert 1e-5 < np.abs(off).max() < NOISE_M
     assert samples(1)[0] == joints
     assert samples(2)[0] != joints
-
-
-@pytest.mark.parametrize("samples", [in_process, over_the_wire])
-def test_noise_changes_the_sign_of_a_quaternion_only_before_the_export(
-    samples: Callable[[int], Samples],
-) -> None:
-    poses, continuous = samples(1)[1], ContinuousPoses()
-
-    def turned_over(quaternions: list[tuple[float, ...]]) -> int:
-        return sum(float(np.dot(a, b)) < 0.0 for a, b in pairwise(quaternions))
-
-    assert turned_over([pose.quaternion_xyzw for pose in poses]) > 50
-    assert turned_over([continuous.next(pose).quaternion_xyzw for pose in poses]) == 0

@@ -2,6 +2,7 @@
 
 import sys
 from collections.abc import Iterator
+from inspect import get_annotations
 from pathlib import Path
 from typing import Any
 from unittest.mock import Mock
@@ -41,7 +42,7 @@ from rig.config import BenchConfig
 from rig.config.load import parse_bench
 from rig.config.write import bench_text
 from support.benches import real_bench
-from support.own_devices import MODULE, SOURCE
+from support.own_devices import MODULE, OF_OUR_DRIVERS, SOURCE
 from support.own_estimators import forget
 
 TARGET = Pose.from_rotation((0.5, 0.1, 0.2), TOOL_DOWN)
@@ -71,14 +72,6 @@ def values(**options: dict[str, Any]) -> dict[str, Any]:
     for section, of in options.items():
         bench[section]["options"] = of
     return bench
-
-
-OF_OUR_DRIVERS = {
-    "arm": ("host", "frequency_hz"),
-    "gripper": ("transport", "host", "port", "preset"),
-    "camera": ("address",),
-}
-"""Keys that these drivers do not accept."""
 
 
 def config(**options: dict[str, Any]) -> BenchConfig:
@@ -233,7 +226,7 @@ def test_missing_force_sensor_is_declared_once_stored_and_named_in_the_plan() ->
 def test_wait_that_fails_stops_the_device(monkeypatch: pytest.MonkeyPatch) -> None:
     made, stopped = bench(arm={"stuck": True}), []
     monkeypatch.setattr(made.arm._driver, "stop", lambda: stopped.append("arm"))  # type: ignore[attr-defined]
-    said = r"wait raised KeyError: 'joint 3' \(.*, line \d+: raise KeyError"
+    said = r"is_done raised KeyError: 'joint 3' \(.*, line \d+: raise KeyError"
     with pytest.raises(DeviceError, match=said):
         made.arm.move_linear(TARGET, 0.1, 0.5).wait(1.0)
     assert stopped == ["arm"]
@@ -309,7 +302,8 @@ CHECKED: dict[type[Any], tuple[Any, tuple[Any, ...], Any]] = {
 def test_checked_device_forwards_every_member(protocol: type[Any]) -> None:
     """So that a new member of an interface cannot be forgotten."""
     checked, arguments, state = CHECKED[protocol]
-    for name in sorted({name for base in protocol.__mro__ for name in vars(base) if name[0] != "_"}):
+    members = {name for base in protocol.__mro__ for name in (*vars(base), *get_annotations(base))}
+    for name in sorted(name for name in members if name[0] != "_"):
         of = driver(state)
         made = getattr(checked(of, "lab:Device", *arguments), name)
         if name in FROM_THE_BENCH_FILE:

@@ -68,7 +68,7 @@ def test_second_signal_stops_at_once_and_further_ones_are_ignored(tmp_path: Path
         time.sleep(0.02)
     said, error = ended(process, log)
     assert said == "working, teardown, stopping, stands"
-    assert "stops all motion at once" in error
+    assert "again stops at once, all motion included" in error
 
 
 def test_closed_stderr_does_not_prevent_the_safe_end(tmp_path: Path) -> None:

@@ -86,23 +86,12 @@ def calibrate_opening(samples: Sequence[OpeningSample], step_m: float = STEP_M) 
     wrong = _wrong_unit(good if len(good) > len(rejected) else samples, step_m)
     if wrong is not None:
         return GripperResult(Assessment((wrong,)), tuple(rejected))
-    tables: dict[Direction, tuple[Array, Array]] = {}
-    missed: list[Array] = []
-    fewest = MOST_COUNTS
-    for direction in Direction:
-        chosen = [s for s in good if s.direction is direction]
-        different = _different(s.counts for s in chosen)
-        if different >= FEWEST_COUNTS:
-            fewest = min(fewest, different)
-            # isotonic regression over the mean at each count
-            openings = np.array([s.opening_m for s in chosen])
-            places, where, repeats = np.unique(
-                [s.counts for s in chosen], return_inverse=True, return_counts=True
-            )
-            means = np.bincount(where, openings) / repeats
-            fitted = np.asarray(isotonic_regression(means, weights=repeats, increasing=False).x)
-            tables[direction] = places, fitted
-            missed.append(openings - fitted[where])
+    counts = {way: _different(s.counts for s in good if s.direction is way) for way in Direction}
+    tables = {
+        way: _fit_table([s for s in good if s.direction is way])
+        for way in Direction
+        if counts[way] >= FEWEST_COUNTS
+    }
     if Direction.CLOSING not in tables:
         closing = sum(s.direction is Direction.CLOSING for s in good)
         text = (
@@ -110,13 +99,14 @@ def calibrate_opening(samples: Sequence[OpeningSample], step_m: float = STEP_M) 
             "counts are needed"
         )
         return GripperResult(Assessment((text,)), tuple(rejected))
-    misfit_m = float(np.sqrt((np.concatenate(missed) ** 2).mean()))
     measured = [sample for sample in good if sample.direction in tables]
+    missed_m = np.array([s.opening_m - np.interp(s.counts, *tables[s.direction]) for s in measured])
     change = find_change(
         [sample.id for sample in measured],
         [np.array([[1.0, sample.counts / MOST_COUNTS]]) for sample in measured],
-        [np.array([s.opening_m - np.interp(s.counts, *tables[s.direction])]) for s in measured],
+        list(missed_m[:, None]),
     )
+    misfit_m, fewest = float(np.sqrt((missed_m**2).mean())), min(counts[way] for way in tables)
     assessment = limits(
         (1e3 * misfit_m, 0.3, 2.0, "measurements miss a monotone table by {value:.2f} mm: measure again"),
         (fewest, 6, 3, "{value} counts measured; 8 are good"),
@@ -127,15 +117,30 @@ def calibrate_opening(samples: Sequence[OpeningSample], step_m: float = STEP_M) 
     hysteresis_m = None
     if len(tables) < 2:
         assessment += Assessment(doubts=("only closing was measured: hysteresis is unknown",))
-    else:  # compared where their counts overlap
-        one, other = tables.values()
-        at = np.union1d(one[0], other[0])
-        at = at[(at >= max(one[0][0], other[0][0])) & (at <= min(one[0][-1], other[0][-1]))]
-        if len(at):
-            hysteresis_m = float(np.abs(np.interp(at, *one) - np.interp(at, *other)).max())
+    else:
+        hysteresis_m = _largest_difference_m(*tables.values())
         apart_mm = 1e3 * (hysteresis_m or 0.0)
         assessment += limits((apart_mm, 1.0, np.inf, "closing and opening differ by {value:.1f} mm"))
     return GripperResult(assessment, tuple(rejected), {} if assessment.refusals else tables, hysteresis_m)
+
+
+Table = tuple[Array, Array]
+"""Counts and openings in m, (N,) each."""
+
+
+def _fit_table(samples: Sequence[OpeningSample]) -> Table:
+    """Return the counts and their openings by isotonic regression over the mean at each count."""
+    openings = np.array([s.opening_m for s in samples])
+    places, where, repeats = np.unique([s.counts for s in samples], return_inverse=True, return_counts=True)
+    means = np.bincount(where, openings) / repeats
+    return places, np.asarray(isotonic_regression(means, weights=repeats, increasing=False).x)
+
+
+def _largest_difference_m(one: Table, other: Table) -> float | None:
+    """Return the largest difference of the openings where the counts of two tables overlap, else None."""
+    at = np.union1d(one[0], other[0])
+    at = at[(at >= max(one[0][0], other[0][0])) & (at <= min(one[0][-1], other[0][-1]))]
+    return float(np.abs(np.interp(at, *one) - np.interp(at, *other)).max()) if len(at) else None
 
 
 def _different(counts: Iterable[float]) -> int:

@@ -12,7 +12,7 @@ import numpy as np
 from calibration.gel.look import GelLook
 from drivers.types import Image
 from rig.tactile.blas_threads import one_blas_thread
-from rig.tactile.contact.gate import find_contact
+from rig.tactile.contact.gate import Region, find_contact
 from rig.tactile.contact.gel_marks import found_marks
 from rig.tactile.contact.later_marks import LaterMarks
 from rig.tactile.contact.relative import RelativeDifference, full_area, smooth, work_size
@@ -21,7 +21,7 @@ from rig.tactile.settling import NEW_GRASP_NS
 from rig.tactile.slip.all_loops import compile_all
 from rig.tactile.slip.gradient import CalibratedSlopes, LearntGradientMap, learn_map
 from rig.tactile.slip.height import Field
-from rig.tactile.slip.light import Lit
+from rig.tactile.slip.light import Light, Lit
 from rig.tactile.slip.report import Report, extrapolate
 from rig.tactile.slip.seen import Seen
 from rig.tactile.slip.tearing import Tearing
@@ -94,21 +94,7 @@ class SlipEstimator(FreshFrameEstimator):
         planes = self._lit.of(work, light, (0, 0, work.shape[1], work.shape[0]))
         clean = np.asarray(cv2.merge(list(planes)), np.float32)
         difference = smooth(clean)
-        region = find_contact(difference)
-        if self._is_fine_due:
-            self._fine_lit.fill(self._marks.marked)
-        verdict = self._marks.judge(
-            lambda: self._fine_lit.difference_with_marks(fine, light), region, time_ns
-        )
-        self._is_fine_due = verdict.is_news
-        if verdict.is_news:
-            self._lit.fill(self._marks.marked)  # that of the fine copy in the next frame, to share the time
-            self._texture.leave_out(self._marks.later)
-        if verdict.was_mark:
-            self._tracker.release()
-            self._report.begin()
-        if not verdict.is_contact:
-            region = None
+        region = self._find_contact(difference, fine, light, time_ns)
         torn = self._tearing.update(region)
         watch.lap("contact")
         if region is None:
@@ -154,6 +140,23 @@ class SlipEstimator(FreshFrameEstimator):
         answer = self._report.answer(sample, tracked, contact, region.mask)
         watch.lap("answer")
         return answer
+
+    def _find_contact(self, difference: Field, fine: Image, light: Light, time_ns: int) -> Region | None:
+        """Return the region of the contact; None without one, or if only marks of the gel show."""
+        region = find_contact(difference)
+        if self._is_fine_due:
+            self._fine_lit.fill(self._marks.marked)
+        verdict = self._marks.judge(
+            lambda: self._fine_lit.difference_with_marks(fine, light), region, time_ns
+        )
+        self._is_fine_due = verdict.is_news
+        if verdict.is_news:
+            self._lit.fill(self._marks.marked)  # that of the fine copy in the next frame, to share the time
+            self._texture.leave_out(self._marks.later)
+        if verdict.was_mark:
+            self._tracker.release()
+            self._report.begin()
+        return region if verdict.is_contact else None
 
     def _release(self, time_ns: int) -> None:
         """Forget the contact."""

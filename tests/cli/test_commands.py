@@ -127,6 +127,7 @@ def test_fakes_status_describes_the_simulated_world(monkeypatch: pytest.MonkeyPa
     [
         (("trial", "--max-mare", "-1"), "UsageError", "--max-mare"),
         (("trial", "--object", "wrnch"), "InputError", "wrench"),
+        (("trial", "--object", "t1", "--object", "wrench"), "InputError", "twice"),
         (("replay", "nowhere"), "SessionError", "there is no such session"),
         (("sessions", "nowhere"), "InputError", "nowhere"),
         (("nothing",), "UsageError", "No such command"),
@@ -138,37 +139,6 @@ def test_json_option_prints_an_error_as_one_object(arguments: tuple[str, ...], k
     assert (error["kind"], error["exit_code"], done.returncode) == (kind, 2, 2)
     assert said in error["message"]
     assert done.stderr  # for people, as without
-
-
-def test_unknown_names_are_rejected_with_the_known_ones(tmp_path: Path) -> None:
-    out = tmp_path / "s"
-    one_line(rig("trial", "--object", "wrnch", "--out", out), 2, "wrench", "t1")
-    for command, words in (
-        (("record", "--object", "99"), ("spam",)),
-        (("trial", "--estimator", "magic"), ("skeleton",)),
-        (("trial", "--bench", "nowhere.toml"), ("there is no such file", "rig bench new")),
-        (("trial", "--bench", "nowhere"), ("fake",)),
-        (("trial", "--object", "t1", "--object", "wrench"), ("twice",)),
-        (("benchmark", "safety", "--bench", "fake"), ("fakes that the benchmark starts itself",)),
-    ):
-        one_line(rig(*command, "--out", out), 2, *words)
-    assert not out.exists()
-
-
-def test_unusable_sessions_are_rejected(
-    session: Path, same_trial: tuple[object, ...], tmp_path: Path
-) -> None:
-    damaged = tmp_path / "damaged"
-    damaged.mkdir()
-    (damaged / "session.json").write_text('{"schema_version": 1, "kind"')
-    for command, said in (
-        (("replay", tmp_path / "nothing"), "there is no such session"),
-        (("replay", damaged.parent), "session.json"),
-        (("trial", "--lifts", "1", "--object", "t2", "--out", session), "--resume"),
-        ((*same_trial, "--lifts", "2"), "lifts_per_object"),
-        (("replay", damaged), "damaged"),
-    ):
-        one_line(rig(*command), 2, said)
 
 
 @pytest.mark.parametrize("command", [("trial", "--lifts", "1"), ("record", "--object", "7")])

@@ -6,10 +6,8 @@ import re
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
-from contextlib import ExitStack, closing, contextmanager, suppress
+from contextlib import ExitStack, closing, suppress
 from pathlib import Path
-from urllib.request import Request, urlopen
 
 import numpy as np
 import pytest
@@ -22,7 +20,6 @@ from rig.live.sensor_background import BACKGROUND_FRAMES
 from support.command_line import rig
 from support.desk_frames import desk_frames
 from support.marks import heavy
-from support.waiting import LIMIT_S, until
 
 
 @pytest.mark.heavy
@@ -146,47 +143,6 @@ def test_wrong_source_or_option_is_one_line(
         assert done.returncode == code
         assert match in done.stderr
         assert "http://127.0.0.1:" not in done.stderr.replace("http://127.0.0.1:9/x", ""), "no page is opened"
-
-
-def press(address: str, action: str) -> None:
-    """Press a button of the page."""
-    with urlopen(Request(f"{address}do", action.encode())) as answer:
-        assert answer.status == 200
-
-
-@contextmanager
-def viewing(clips: Path) -> Iterator[tuple["subprocess.Popen[str]", str]]:
-    """Run `rig live fake`; yield its process and its page's address once the background is taken."""
-    command = [sys.executable, "-P", "-u", "-m", "rig", "live", "fake", "--no-browser", "--clips", clips]
-    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
-        assert process.stderr is not None
-        lines = iter(process.stderr.readline, "")
-        address = next(found[0] for line in lines if (found := re.search(r"http://\S+/(?=;)", line)))
-        assert any("background taken" in line for line in lines)
-        yield process, address
-
-
-@pytest.mark.heavy
-@pytest.mark.parametrize("signals", [(signal.SIGKILL,), *heavy(((signal.SIGINT, signal.SIGTERM),))])
-def test_clip_of_a_live_view_that_is_killed_is_complete(
-    tmp_path: Path, signals: tuple[signal.Signals, ...]
-) -> None:
-    with viewing(tmp_path) as (process, address):
-        press(address, "record")
-        until(lambda: len(list(tmp_path.glob("*/frames/[0-9]*.jpg"))) > 20)
-        for number in signals:
-            process.send_signal(number)
-        process.wait(LIMIT_S)
-    (clip,) = tmp_path.iterdir()
-    frames = {file.name for file in (clip / "frames").glob("[0-9]*.jpg")}
-    header, *rows = (clip / "timestamps.csv").read_text().splitlines()
-    assert header == "frame,t_s"
-    assert frames <= {row.split(",")[0] for row in rows}
-    done = rig("estimate", clip, "--out", tmp_path / "angles.csv")
-    assert done.returncode == 0, done.stderr
-    times_s = [float(row.split(",")[0]) for row in (tmp_path / "angles.csv").read_text().splitlines()[1:]]
-    assert len(times_s) == len(frames)
-    assert times_s[-1] > times_s[0] == 0.0
 
 
 @pytest.mark.heavy

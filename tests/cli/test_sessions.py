@@ -60,23 +60,6 @@ def test_table_has_remark_columns_only_with_remarks(named: Path, one_lift: Path)
     assert "operator" not in rig("sessions", one_lift).stdout
 
 
-@pytest.mark.heavy
-@pytest.mark.usefixtures("quick_pages")
-def test_remarks_of_a_trial_are_in_its_report(tmp_path: Path, one_lift: Path, light_bench_file: Path) -> None:
-    folder = shutil.copytree(one_lift, tmp_path / "s")
-    words = ("--name", "new <gel>", "--tag", "gel-7", "--operator", "Ada", "--note", "cleaned & dried")
-    what = ("trial", "--lifts", 1, "--object", "t2", "--bench", light_bench_file)
-    done = rig(*what, "--out", folder, "--resume", *words)
-    assert done.returncode == 0, done.stderr
-    page = (folder / "report.html").read_text()
-    assert "new &lt;gel&gt;: Slip trial" in page
-    assert "operator: Ada · note: cleaned &amp; dried" in page
-    assert listed(folder)[0]["tags"] == ["gel-7"]
-    wrong = rig(*what, "--out", tmp_path / "other", "--tag", "two words")
-    assert wrong.returncode == 2
-    assert not (tmp_path / "other").exists()
-
-
 def test_damaged_bytes_are_detected_except_with_quick(
     tmp_path: Path, one_lift: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

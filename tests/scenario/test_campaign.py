@@ -133,32 +133,6 @@ def test_a_cluster_of_two_workers_gives_the_same_table(sessions: Path, tmp_path:
     assert {line["estimator"] for line in read_typed_csv(tmp_path / "own/results.csv", COLUMNS)} == {mine[1]}
 
 
-@pytest.mark.heavy
-def test_lifts_of_a_lost_worker_are_carried_out_by_another(light_bench_file: Path, tmp_path: Path) -> None:
-    distributed = pytest.importorskip("distributed")
-    what = (
-        "benchmark", "lifts", "--of", str(light_bench_file), "--seeds", "1", "--object", "t2", "--json",
-    )  # fmt: skip
-    with distributed.LocalCluster(
-        n_workers=2, threads_per_worker=1, dashboard_address="127.0.0.1:0", host="127.0.0.1"
-    ) as cluster:
-        engine = cluster.scheduler_address.replace("tcp://", "dask://")
-        there = subprocess.Popen(
-            command_of(*what, "--lifts", "4", "--engine", engine, "--out", str(tmp_path / "there")),
-            stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-        )  # fmt: skip
-        done = tmp_path / "there" / "results.jsonl"
-        until(lambda: done.exists() or there.poll() is not None)
-        assert there.poll() is None, there.communicate()[1]  # it goes on after its first lift is stored
-        lost = cluster.workers[0].process.pid
-        os.kill(lost, signal.SIGKILL)
-        said, errors = there.communicate(timeout=300)
-    assert there.returncode in (0, 4), errors
-    here = rig(*what, "--lifts", "4", "--jobs", "1", "--out", tmp_path / "here")
-    assert here.returncode == there.returncode
-    assert json.loads(said)["tables"] == json.loads(here.stdout)["tables"]
-
-
 def test_unreachable_engine_is_rejected(sessions: Path, tmp_path: Path) -> None:
     pytest.importorskip("distributed")
     for engine, words in (("dask://127.0.0.1:1", "no dask scheduler"), ("spark://x:1", "dask://HOST:PORT")):

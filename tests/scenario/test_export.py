@@ -13,14 +13,12 @@ from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
 from rosbags.interfaces import ConnectionExtRosbag2
-from typer.testing import CliRunner
 
 from drivers.clock import NS_PER_S
 from drivers.errors import InputError, SessionError
 from drivers.types import Pose
 from protocols.grasps import find_grasp_file
 from protocols.observer import Phase
-from rig.cli.main import app
 from rig.config import extras, load_bench
 from rig.experiments.lift_plan import TrialSettings
 from rig.experiments.record import RecordSettings, run_record
@@ -422,14 +420,3 @@ def test_failed_export_leaves_no_files(one_lift: Path, recording: Path, tmp_path
     assert {path.name for path in tmp_path.iterdir()} == {"broken"}
     with pytest.raises(InputError, match="exists already"):
         export_session(one_lift, "csv", tmp_path / "broken")
-
-
-def test_command_prints_counts_and_folder(one_lift: Path, tmp_path: Path) -> None:
-    done = CliRunner().invoke(
-        app, ["export", str(one_lift), "--to", "csv", "--out", str(tmp_path / "x"), "--json"]
-    )
-    assert done.exit_code == 0, done.output
-    figures = json.loads(done.stdout)
-    assert figures["counts"]["lifts"] == 1
-    assert Path(figures["out"]) == tmp_path / "x"
-    assert "SIMULATED" in done.stderr

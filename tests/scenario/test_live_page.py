@@ -332,19 +332,6 @@ def test_status_follows_the_state_and_a_notice_lasts_some_seconds(shown: Shown) 
     until(lambda: DOUBT not in shown.browser.value("document.body.innerText"), LIMIT_S)
 
 
-@NEEDS_CHROMIUM
-def test_chart_is_legible_at_both_widths(shown: Shown) -> None:
-    two_presses(shown)
-    shown.send(5, "tracking", 1.0, dropped=3, doubt=DOUBT)
-    for width, scheme in product((1400, 390), ("light", "dark")):
-        shown.browser.open(shown.page.address, width, scheme)
-        shown.chart()
-        seen = json.loads(shown.browser.value(SEEN))
-        assert {name: seen[name] for name in FLAWS if seen[name]} == {}
-        assert seen["wide"] <= width
-        assert shown.browser.said() == []
-
-
 def pressed_keys(shown: Shown, *keys: str) -> float | None:
     """Press keys on the slider; return the moment that the page shows then, None for the newest frame."""
     shown.browser.value("document.getElementById('slider').focus()")

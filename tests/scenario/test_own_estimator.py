@@ -140,14 +140,6 @@ def test_touch_of_the_fingers_does_not_depend_on_an_own_estimator(
     assert (row.estimator_faults is None) == (wrong == "Arguments")
 
 
-def test_estimator_that_cannot_be_constructed_is_rejected_first(lab: Path) -> None:
-    out = lab.parent / "never"
-    done = rig("trial", "--lifts", "1", "--estimator", f"{MODULE}:Needs_more", "--out", out)
-    assert done.returncode == 2
-    assert "Needs_more(background) raised TypeError" in done.stderr
-    assert not out.exists()
-
-
 @pytest.fixture(scope="module")
 def clip(lab: Path, press: Draw, blank: NDArray[np.uint8]) -> Path:
     return write_clip(lab.parent / "clips" / "one", press, blank)

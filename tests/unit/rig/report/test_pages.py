@@ -274,22 +274,6 @@ def test_a_corrupt_and_a_missing_recording_are_named_and_the_rest_is_shown(
 
 
 @pytest.mark.usefixtures("quick_pages")
-def test_report_is_written_with_a_recording_damaged_anywhere(drawn_trial: Any, tmp_path: Path) -> None:
-    folder = drawn_trial(tmp_path / "s", (12.0,))
-    recording = folder / "lifts" / "001.mcap"
-    whole = recording.read_bytes()
-    rng = np.random.default_rng(1)
-    for _ in range(3):
-        damaged = bytearray(whole)
-        for place in rng.integers(0, len(whole), 400):
-            damaged[place] ^= 0xFF
-        recording.write_bytes(bytes(damaged))
-        found = page_of(folder)
-        assert "Rotational error per object" in found.text
-        assert "cannot be read" in found.text
-
-
-@pytest.mark.usefixtures("quick_pages")
 def test_a_damaged_line_is_named_and_left_out(drawn_trial: Any, tmp_path: Path) -> None:
     folder = drawn_trial(tmp_path / "s")
     lines = (folder / "lifts.jsonl").read_text().splitlines()

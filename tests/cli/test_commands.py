@@ -12,7 +12,7 @@ import pytest
 from drivers.errors import EstimatorError
 from rig.tactile.estimators import EstimatorChoice
 from support.benches import real_bench_file
-from support.command_line import rig
+from support.command_line import answer, rig, succeed
 
 pytestmark = pytest.mark.usefixtures("quick_pages")
 ROOT = Path(__file__).resolve().parents[2]
@@ -90,8 +90,7 @@ def one_line(done: "subprocess.CompletedProcess[str]", code: int, *words: str) -
 
 
 def test_version_help_and_completion_options_work() -> None:
-    result = rig("--version")
-    assert result.returncode == 0
+    result = succeed("--version")
     assert result.stdout.split()[0] == "rig"
     assert result.stdout.split()[1][0].isdigit()
     assert ("(commit " in result.stdout) == (ROOT / ".git").exists()
@@ -119,7 +118,7 @@ def test_fakes_status_describes_the_simulated_world(monkeypatch: pytest.MonkeyPa
         "arm: robot mode RUNNING, program running yes",
         "gripper: requests 3, replies 3, faults none",
     ]
-    assert json.loads(rig("fakes", "status", "--bench", "wire", "--json").stdout) == state
+    assert answer("fakes", "status", "--bench", "wire") == state
 
 
 @pytest.mark.parametrize(
@@ -150,8 +149,7 @@ def test_unwritable_session_folder_is_rejected(command: tuple[str, ...], tmp_pat
 
 @pytest.mark.heavy
 def test_doctor_prints_one_json_object_and_saves_frames(tmp_path: Path) -> None:
-    done = rig("doctor", "--seconds", "0.5", "--json", "--snapshot", str(tmp_path / "today"))
-    assert done.returncode == 0, done.stderr
+    done = succeed("doctor", "--seconds", "0.5", "--json", "--snapshot", str(tmp_path / "today"))
     report = json.loads(done.stdout)
     assert report["simulated"] is True
     assert {finding["device"] for finding in report["findings"]} >= {"arm", "gripper", "SIM-D0001", "disk"}
@@ -174,10 +172,8 @@ def test_unreachable_bench_is_a_one_line_error(tmp_path: Path) -> None:
 def test_recording_resumes_and_has_the_layout_of_the_data_set(tmp_path: Path, light_bench_file: Path) -> None:
     out = tmp_path / "s"
     command = ["record", "--object", "7", "--poses", "2", "--images", "4", "--bench", light_bench_file]
-    command += ["--out", out, "--json"]
-    done = rig(*command)
-    assert done.returncode == 0, done.stderr
-    figures = json.loads(done.stdout)
+    command += ["--out", out]
+    figures = answer(*command)
     assert (figures["poses_accepted"], figures["images_accepted"]) == (2, 4)
     images = sorted((out / "07_spam" / "image_label").glob("*.png"))
     assert len(images) == 4
@@ -185,12 +181,17 @@ def test_recording_resumes_and_has_the_layout_of_the_data_set(tmp_path: Path, li
     assert rows[0].split(",")[:4] == ["file", "pose", "position", "orientation_deg"]
     assert len(rows) == 5
     assert len(list((out / "reference").glob("*.png"))) == 2
-    again = rig(*command, "--resume")
-    assert json.loads(again.stdout)["images_accepted"] == 4
+    written = [(out / "images.csv").read_text(), (out / "poses.jsonl").read_text()]
+    written += [image.read_bytes() for image in images]
+    assert answer(*command, "--resume")["images_accepted"] == 4
     manifest = json.loads((out / "session.json").read_text())
     (out / "session.json").write_text(json.dumps({**manifest, "status": "running"}))
     first, _ = (out / "poses.jsonl").read_text().splitlines(keepends=True)
     (out / "poses.jsonl").write_text(first)
-    resumed = rig("record", "--resume", "--out", out, "--no-report", "--json")
-    assert json.loads(resumed.stdout)["images_accepted"] == 4, "with the stored bench"
+    for image in images[2:]:
+        image.unlink()
+    resumed = answer("record", "--resume", "--out", out, "--no-report")
+    assert resumed["images_accepted"] == 4, "with the stored bench"
+    again = [(out / "images.csv").read_text(), (out / "poses.jsonl").read_text()]
+    assert again + [image.read_bytes() for image in images] == written
     one_line(rig("record", "--object", "7", "--images", "10", "--out", str(tmp_path / "t")), 2, "--images")

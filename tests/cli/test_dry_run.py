@@ -10,7 +10,7 @@ from fakes.devices.arm import FakeArm
 from rig.config import load_bench
 from rig.config.models import BenchConfig
 from rig.config.write import write_bench
-from support.command_line import rig
+from support.command_line import rig, succeed
 
 COMMANDS = {
     "trial": (("trial", "--object", "wrench", "--lifts", "2"), "t1/2 wrench"),
@@ -65,7 +65,8 @@ def test_plan_warns_if_the_arm_has_no_force_sensor(tmp_path: Path) -> None:
     bench = load_bench("fake")
     arm = bench.arm.model_copy(update={"force_sensor": False})
     write_bench(tmp_path / "bench.toml", bench.model_copy(update={"arm": arm}))
-    done = rig("trial", "--object", "wrench", "--lifts", "1", "--bench", tmp_path / "bench.toml", "--dry-run")
-    assert done.returncode == 0, done.stderr
+    done = succeed(
+        "trial", "--object", "wrench", "--lifts", "1", "--bench", tmp_path / "bench.toml", "--dry-run"
+    )
     assert "WARNING: the arm has no force sensor" in done.stdout
     assert "way down is NOT GUARDED" in done.stdout.replace("\n", " ")

@@ -17,15 +17,14 @@ from rig.cli.live import DeskOptions, desk_of
 from rig.live.clip_writer import ClipWriter
 from rig.live.feed import NO_FRAMES
 from rig.live.sensor_background import BACKGROUND_FRAMES
-from support.command_line import rig
+from support.command_line import rig, succeed
 from support.desk_frames import desk_frames
 from support.marks import heavy
 
 
 @pytest.mark.heavy
 def test_json_has_an_object_per_frame_and_the_summary_counts_them() -> None:
-    done = rig("live", "fake", "--estimator", "ellipse", "--json", "--seconds", "6")
-    assert done.returncode == 0, done.stderr
+    done = succeed("live", "fake", "--estimator", "ellipse", "--json", "--seconds", "6")
     lines = [line for line in map(json.loads, done.stdout.splitlines()) if line["state"] != NO_FRAMES]
     assert {"t_s", "angle_deg", "sigma_deg", "state", "rate_deg_s", "latency_ms"} <= set(lines[0])
     assert (lines[0]["sensor"], lines[0]["state"], lines[0]["angle_deg"]) == (
@@ -67,8 +66,7 @@ def test_json_ends_when_its_reader_has_gone() -> None:
 
 @pytest.mark.heavy
 def test_terminal_shows_a_line_now_and_then() -> None:
-    done = rig("live", "fake", "--terminal", "--seconds", "3.5")
-    assert done.returncode == 0, done.stderr
+    done = succeed("live", "fake", "--terminal", "--seconds", "3.5")
     lines = done.stdout.splitlines()
     assert lines[0].startswith("SIM-DESK1: angle     -    , taking the background; - frames/s, 0 dropped")
     assert 2 <= len(lines) <= 5
@@ -156,8 +154,7 @@ def test_bridge_publishes_every_frame_of_a_clip_although_they_come_faster_than_t
     loopback = "<Interfaces><NetworkInterface name='lo' multicast='true'/></Interfaces>"
     uri = f"<CycloneDDS><Domain><General>{loopback}</General></Domain></CycloneDDS>"
     monkeypatch.setenv("CYCLONEDDS_URI", uri)
-    done = rig("bridge", "ros2", folder, "--fps", "1000", "--domain", "99")
-    assert done.returncode == 0, done.stderr
+    done = succeed("bridge", "ros2", folder, "--fps", "1000", "--domain", "99")
     assert "publishing in domain 99: /frames/image_raw/compressed, /angle/frames, /slip/frames" in done.stderr
     assert re.search(r"; (\d+) of 165 frames with an angle; .*; 0 dropped", done.stderr.replace("\n", " "))
     # each frame has an image, and after those of the background also an angle and whether it slips

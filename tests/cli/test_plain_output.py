@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from support.command_line import rig
+from support.command_line import refusal, rig
 from support.marks import heavy
 
 STORED = Path(__file__).parents[1] / "data" / "stored_trial"
@@ -90,6 +90,4 @@ def test_json_output_contains_texts_unchanged_but_escaped(session: Path) -> None
 
 
 def test_errors_show_paths_plainly(tmp_path: Path) -> None:
-    done = rig("report", tmp_path / f"none{CLEAR}{OVERRIDE}")
-    assert done.returncode == 2
-    assert "none\\u001b[2J\\u202e" in done.stderr
+    assert "none\\u001b[2J\\u202e" in refusal("report", tmp_path / f"none{CLEAR}{OVERRIDE}")

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from rig.report.write import SIZE_PX
 from support.angle_clips import write_clip
 from support.browser import NEEDS_CHROMIUM
-from support.command_line import rig
+from support.command_line import answer, rig, succeed
 
 Draw = Callable[..., NDArray[np.uint8]]
 
@@ -36,8 +36,7 @@ def said(done: "subprocess.CompletedProcess[str]", code: int, *words: str) -> No
 @pytest.mark.usefixtures("quick_pages")
 def test_trial_without_report_gets_one_by_rig_report(trial: Path) -> None:
     assert not (trial / "report.html").exists()
-    done = rig("report", str(trial))
-    assert done.returncode == 0, done.stderr
+    done = succeed("report", str(trial))
     assert done.stdout.strip() == str(trial / "report.html")
     assert "toothbrush, lift 1" in (trial / "report.html").read_text()
 
@@ -45,8 +44,7 @@ def test_trial_without_report_gets_one_by_rig_report(trial: Path) -> None:
 @NEEDS_CHROMIUM
 def test_report_picture_is_taken_by_the_browser(trial: Path, tmp_path: Path) -> None:
     picture = tmp_path / "report.png"
-    done = rig("report", str(trial), "--out", str(tmp_path / "page.html"), "--picture", str(picture))
-    assert done.returncode == 0, done.stderr
+    succeed("report", str(trial), "--out", str(tmp_path / "page.html"), "--picture", str(picture))
     seen = cv2.imread(str(picture))
     assert seen is not None
     assert seen.shape[:2] == SIZE_PX[::-1]
@@ -70,8 +68,7 @@ def test_unwritable_report_does_not_fail_the_trial(trial: Path, light_bench_file
     (trial / "report.html").unlink(missing_ok=True)
     (trial / "report.html").mkdir()
     try:
-        done = rig("trial", *same, "--json")
-        assert done.returncode == 0, done.stderr
+        done = succeed("trial", *same, "--json")
         assert json.loads(done.stdout)["report"] is None
         assert "note: no report" in done.stderr
         assert "Traceback" not in done.stderr
@@ -83,11 +80,10 @@ def test_unreadable_session_gets_a_page_and_a_note(tmp_path: Path) -> None:
     folder = tmp_path / "s"
     folder.mkdir()
     (folder / "session.json").write_text('{"schema_version": 99}')
-    done = rig("report", str(folder), "--json")
-    assert done.returncode == 0, done.stderr
-    answer = json.loads(done.stdout)
-    assert "schema version 99" in answer["problems"][0]
-    assert "schema version 99" in Path(answer["report"]).read_text()
+    done = succeed("report", str(folder), "--json")
+    written = json.loads(done.stdout)
+    assert "schema version 99" in written["problems"][0]
+    assert "schema version 99" in Path(written["report"]).read_text()
     assert done.stderr.startswith("note: ")
 
 
@@ -98,17 +94,16 @@ def test_two_estimators_are_compared_on_one_session(
 ) -> None:
     inside = {path.name for path in trial.iterdir()}
     monkeypatch.chdir(tmp_path)
-    done = rig("compare", "slip", "pca", "--on", str(trial), "--jobs", "1", "--json")
-    assert done.returncode == 0, done.stderr
-    answer = json.loads(done.stdout)
+    done = succeed("compare", "slip", "pca", "--on", str(trial), "--jobs", "1", "--json")
+    written = json.loads(done.stdout)
     assert "1/2 slip: t2 toothbrush" in done.stderr
     assert "2/2 pca: t2 toothbrush" in done.stderr
-    assert answer["names"] == ["slip", "pca"]
-    assert answer["lifts"] == 1
+    assert written["names"] == ["slip", "pca"]
+    assert written["lifts"] == 1
     stored = json.loads((trial / "lifts.jsonl").read_text())["re"]["mean_deg"]
-    assert answer["figures"][0]["first"] == pytest.approx(stored)
-    assert answer["figures"][0]["second"] != pytest.approx(stored)
-    (spent,) = (each for each in answer["figures"] if each["figure"].startswith("time per tactile frame"))
+    assert written["figures"][0]["first"] == pytest.approx(stored)
+    assert written["figures"][0]["second"] != pytest.approx(stored)
+    (spent,) = (each for each in written["figures"] if each["figure"].startswith("time per tactile frame"))
     assert min(spent["first"], spent["second"]) > 0.0
     assert "slip and pca compared" in (tmp_path / "compare_slip_pca.html").read_text()
     assert {path.name for path in trial.iterdir()} == inside
@@ -134,10 +129,9 @@ def test_first_lift_is_played_into_a_default_file(
     trial: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    done = rig("play", trial, "--speed", "8", "--json")
-    assert done.returncode == 0, done.stderr
-    assert json.loads(done.stdout)["film"] == "trial_001.webm"
-    assert json.loads(done.stdout)["frames"] > 15
+    done = answer("play", trial, "--speed", "8")
+    assert done["film"] == "trial_001.webm"
+    assert done["frames"] > 15
     assert (tmp_path / "trial_001.webm").stat().st_size > 10_000
     assert [path.name for path in tmp_path.iterdir()] == ["trial_001.webm"]
 
@@ -147,8 +141,7 @@ def test_mp4_without_an_encoder_becomes_webm_with_a_note(
     trial: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("rig.report.film.has_h264", lambda: False)
-    done = rig("play", trial, "--speed", "16", "--out", tmp_path / "lift.mp4")
-    assert done.returncode == 0, done.stderr
+    done = succeed("play", trial, "--speed", "16", "--out", tmp_path / "lift.mp4")
     assert "no H.264 encoder for .mp4" in done.stderr
     assert done.stdout.strip() == str(tmp_path / "lift.webm")
     assert [path.name for path in tmp_path.iterdir()] == ["lift.webm"]
@@ -160,9 +153,7 @@ def test_own_frames_are_played(tmp_path: Path, press: Draw, monkeypatch: pytest.
     clip = write_clip(tmp_path / "pen", press, press(None))
     monkeypatch.chdir(tmp_path)
     same = ("--background", clip / "background.png", "--rate", 10)
-    done = rig("play", clip / "frames", *same, "--json")
-    assert done.returncode == 0, done.stderr
-    film = json.loads(done.stdout)
+    film = answer("play", clip / "frames", *same)
     assert film["film"] == "frames_film.webm"
     assert film["frames"] == pytest.approx(13 / 10 * 30, abs=2)
     video = cv2.VideoCapture("frames_film.webm")

@@ -11,7 +11,7 @@ import pytest
 from fakes.gel.sensor import GelSensor, Imprint
 from fakes.objects.catalogue import load_catalogue
 from fakes.objects.surfaces import build_surface, depth_for_force
-from support.command_line import rig
+from support.command_line import answer, rig
 
 
 def error(*arguments: object) -> str:
@@ -112,7 +112,7 @@ def test_manual_corrections_are_kept_and_exported(frames: Path, tmp_path: Path) 
 
 
 def test_shipped_networks_are_listed() -> None:
-    models = json.loads(rig("model", "list", "--json").stdout)["models"]
+    models = answer("model", "list")["models"]
     assert [model["name"] for model in models] == ["ours", "ours-full", "pspnet"]
     assert "SIMULATED" in rig("model", "list").stdout
 

@@ -20,7 +20,7 @@ from rig.sessions.rows import read_finished_lifts, read_rows
 from rig.sessions.session import open_session
 from rig.sessions.table_files import Line, pyarrow_modules
 from rig.tactile.estimators import choose_estimator
-from support.command_line import rig
+from support.command_line import answer, refusal, rig, succeed
 from support.own_estimators import MODULE, own_estimators
 from support.tables import read_typed_csv
 from support.waiting import until
@@ -86,16 +86,12 @@ def test_killed_replay_resumes_after_its_last_lift(sessions: Path, tmp_path: Pat
     process.wait(timeout=120)
     kept = kept_rows(out)
     assert len(kept) == 1
-    done = rig(*command, "--json")
-    assert done.returncode == 0, done.stderr
-    figures = json.loads(done.stdout)
+    figures = answer(*command)
     assert (figures["lifts_accepted"], figures["identical"]) == (2, 2)
     lines = kept_rows(out)
     assert [line for line in lines if line in kept] == kept
     assert len({(line["session"], line["number"]) for line in lines}) == len(lines) == 2
-    other = rig(*command, "--estimator", "ellipse")
-    assert other.returncode == 2
-    assert "estimator nothing, not ellipse" in other.stderr
+    assert "estimator nothing, not ellipse" in refusal(*command, "--estimator", "ellipse")
 
 
 @pytest.mark.heavy
@@ -123,8 +119,7 @@ def test_a_cluster_of_two_workers_gives_the_same_table(sessions: Path, tmp_path:
     assert there.returncode == 0, there.stderr
     assert json.loads(there.stdout)["identical"] == 2
     assert own.returncode == 0, own.stderr
-    here = rig(*what, tmp_path / "here", "--jobs", "1")
-    assert here.returncode == 0, here.stderr
+    succeed(*what, tmp_path / "here", "--jobs", "1")
     tables = {
         name: (tmp_path / name / "results.csv").read_text() for name in ("there", "here", "own", "own here")
     }
@@ -136,7 +131,6 @@ def test_a_cluster_of_two_workers_gives_the_same_table(sessions: Path, tmp_path:
 def test_unreachable_engine_is_rejected(sessions: Path, tmp_path: Path) -> None:
     pytest.importorskip("distributed")
     for engine, words in (("dask://127.0.0.1:1", "no dask scheduler"), ("spark://x:1", "dask://HOST:PORT")):
-        done = rig("replay", str(sessions / "a"), "--engine", engine, "--out", str(tmp_path / "x"))
-        assert done.returncode == 2
-        assert words in done.stderr.splitlines()[-1]
-        assert "Traceback" not in done.stderr
+        done = refusal("replay", str(sessions / "a"), "--engine", engine, "--out", str(tmp_path / "x"))
+        assert words in done.splitlines()[-1]
+        assert "Traceback" not in done

@@ -92,27 +92,6 @@ def test_csv_and_parquet_contain_the_same_tables(one_lift: Path, tmp_path: Path)
     assert not changes_sign([[row[name] for name in ("qx", "qy", "qz", "qw")] for row in arm])
 
 
-@pytest.mark.heavy
-@pytest.mark.filterwarnings("ignore:__array__ implementation")  # pycocotools 2.0.11 with numpy 2
-def test_coco_is_read_by_pycocotools_and_states_the_origin_of_its_masks(
-    one_lift: Path, recording: Path, tmp_path: Path
-) -> None:
-    coco_module = pytest.importorskip("pycocotools.coco")
-    for session, least in ((one_lift, 15), (recording, 4)):
-        out = tmp_path / session.name
-        exported = export_session(session, "coco", out)
-        coco = coco_module.COCO(str(out / "coco.json"))
-        assert len(coco.getImgIds()) == exported.counts["images"] >= least
-        assert "SIMULATED" in coco.dataset["info"]["description"]
-        assert "proposed by image processing" in coco.dataset["info"]["description"]
-        for annotation in coco.loadAnns(coco.getAnnIds()):
-            image = coco.loadImgs(annotation["image_id"])[0]
-            picture = cv2.imread(str(out / image["file_name"]))
-            mask = coco.annToMask(annotation)
-            assert mask.shape == picture.shape[:2] == (image["height"], image["width"])
-            assert mask.sum() == pytest.approx(annotation["area"], rel=0.03)
-
-
 def test_stored_true_masks_are_exported(recording: Path, tmp_path: Path) -> None:
     session = tmp_path / "session"
     shutil.copytree(recording, session)

@@ -1,9 +1,7 @@
 """`rig label-angle`: from a clip to labels that the benchmark reads."""
 
 import json
-import os
 import re
-import signal
 import stat
 import threading
 from collections.abc import Callable
@@ -15,7 +13,6 @@ import pytest
 from numpy.typing import NDArray
 
 from rig.benchmark.clips.labelled import read_clips
-from rig.labels.angle_lines import LINES
 from support.angle_clips import FIRST_CONTACT, TURN_DEG, ask, draw_all, write_clip
 from support.command_line import refusal, rig, succeed
 
@@ -93,28 +90,6 @@ def test_key_is_in_a_file_of_this_user_alone(clip: Path, monkeypatch: pytest.Mon
     monkeypatch.setattr("webbrowser.open", browse)
     assert rig("label-angle", clip, *REFERENCE, "--count", 2).returncode == 0
     assert not Path(urlsplit(opened[0]).path).exists()
-
-
-@pytest.mark.heavy
-def test_drawing_continues_after_a_stop(clip: Path, person: Browse) -> None:
-    def stops(address: str) -> None:
-        draw_all(address, [2])
-        os.kill(os.getpid(), signal.SIGINT)
-
-    person(stops)
-    first = rig("label-angle", clip, *REFERENCE, "--count", 3)
-    assert first.returncode == 3, first.stderr
-    assert (clip / LINES).exists()
-    assert not (clip / "labels.csv").exists()
-
-    def goes_on(address: str) -> None:
-        draw_all(address, [8, 13])
-        ask(address, "write", {})
-
-    person(goes_on)
-    again = succeed("label-angle", clip, *REFERENCE)
-    assert "continuing with 4 clicks" in again.stderr
-    assert [label.frame for label in read_clips(clip)[0].labels] == [8, 13]
 
 
 @pytest.mark.heavy

@@ -1,5 +1,7 @@
 """One lift on the simulated bench: its result, how faults end it, and its recording."""
 
+import resource
+from collections.abc import Iterator
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -7,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from drivers.errors import RecordingError
 from drivers.types import Frame
 from protocols.observer import Phase
 from rig.config import BenchConfig
@@ -100,6 +103,24 @@ def test_dropped_frames_are_counted_and_the_lift_goes_on_in_phases_of_the_stated
     lengths_s = [row.phases_s[end] - row.phases_s[begin] for begin, end in pairwise(Phase)]
     assert lengths_s[1:] == pytest.approx([3.0, 1.5, 1.2], abs=0.3)
     assert row.dropped["SIM-D0001"] == 4  # of 0.2 s at 20 frames/s
+
+
+@pytest.fixture
+def small_disk() -> Iterator[None]:
+    """Limit the files of this process to 2 MB."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (2_000_000, hard))
+    yield
+    resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+
+
+@pytest.mark.heavy
+@pytest.mark.usefixtures("small_disk")
+def test_full_disk_in_mid_lift_is_an_error_and_the_lift_ends_safely(tmp_path: Path) -> None:
+    with pytest.raises(RecordingError, match=r"001\.unfinished\.mcap: cannot be written") as raised:
+        attempt_lift(settings("pca"), TASK, folder=tmp_path)
+    (note,) = raised.value.__notes__
+    assert note in ("object set down, fingers open, arm retreated", "nothing held, fingers open, arm risen")
 
 
 @pytest.mark.heavy

@@ -372,7 +372,7 @@ def test_history_is_scrubbed_events_lead_to_their_moment_and_live_goes_on(
     assert seen("+5.0\u00b0")
     assert seen("2.0\u00b0/s")
     light(255)
-    shown.send(10, "tracking", 9.0, picture=white, zero_s=contact_s)
+    shown.send(10, "tracking", 9.0, picture=white, zero_s=contact_s, dropped=3, doubt=DOUBT)
     until(lambda: seen("The page shows 21.0 s ago"), LIMIT_S)
     assert seen("+5.0\u00b0"), "new frames do not replace the past one"
     assert pressed_keys(shown, "Shift+ArrowLeft") == pytest.approx(contact_s - EVERY_S, abs=1e-5)

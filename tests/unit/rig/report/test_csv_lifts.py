@@ -111,6 +111,16 @@ def test_table_without_any_estimate_is_reported_as_such(tmp_path: Path) -> None:
     assert not math.isnan(read_table(path).truth.angle_deg[0])
 
 
+@pytest.mark.heavy
+def test_a_lift_whose_sigma_does_not_cover_its_errors_is_named(tmp_path: Path) -> None:
+    for name, sigma_deg in (("fine", 1.0), ("overrated", 0.1)):
+        rows = [f"{0.02 * i:.2f},{0.1 * i + 0.6:.2f},{0.1 * i:.2f},{sigma_deg}" for i in range(200)]
+        table(tmp_path / f"{name}.csv", "t_s,estimate_deg,truth_deg,sigma_deg", rows)
+    page = write_report([tmp_path], tmp_path / "page.html").path.read_text()
+    assert "More than 30% of the frames are beyond 2 sigma in overrated (100%)." in page
+    assert "fine (" not in page
+
+
 def wrapped(angle: np.ndarray, period: float) -> np.ndarray:
     return (angle + period / 2) % period - period / 2
 

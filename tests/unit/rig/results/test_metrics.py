@@ -10,9 +10,10 @@ from rig.sessions.records import ErrorSummary
 
 
 def test_errors_of_a_lift_have_mean_deviation_and_maximum() -> None:
-    summary = summarize(np.array([1.0, 3.0]))
+    summary = summarize(np.array([1.0, 1.0, 2.0, 2.0, 14.0]))
     assert summary is not None
-    assert (summary.mean_deg, summary.std_deg, summary.max_deg, summary.frames) == (2.0, 1.0, 3.0, 2)
+    assert (summary.mean_deg, summary.std_deg**2, summary.max_deg) == pytest.approx((4.0, 25.2, 14.0))
+    assert summary.frames == 5
     assert summarize(np.array([])) is None
 
 

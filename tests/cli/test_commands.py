@@ -12,7 +12,7 @@ import pytest
 from drivers.errors import EstimatorError
 from rig.tactile.estimators import EstimatorChoice
 from support.benches import real_bench_file
-from support.command_line import answer, rig, succeed
+from support.command_line import answer, refusal_line, rig, succeed
 
 pytestmark = pytest.mark.usefixtures("quick_pages")
 ROOT = Path(__file__).resolve().parents[2]
@@ -79,16 +79,6 @@ def test_missed_limit_exits_with_4_and_keeps_the_session(same_trial: tuple[objec
     assert rig(*same_trial, "--no-report", "--max-mare", "60").returncode == 0
 
 
-def one_line(done: "subprocess.CompletedProcess[str]", code: int, *words: str) -> None:
-    """Check that the last line explains the error and that there is no traceback."""
-    assert done.returncode == code, done.stderr
-    assert "Traceback" not in done.stderr
-    last = done.stderr.strip().splitlines()[-1]
-    assert last.startswith("rig: ")
-    for word in words:
-        assert word in last
-
-
 def test_version_help_and_completion_options_work() -> None:
     result = succeed("--version")
     assert result.stdout.split()[0] == "rig"
@@ -144,7 +134,7 @@ def test_json_option_prints_an_error_as_one_object(arguments: tuple[str, ...], k
 def test_unwritable_session_folder_is_rejected(command: tuple[str, ...], tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     for out in ("/proc/session", tmp_path / "file", tmp_path / "file" / "s"):
-        one_line(rig(*command, "--out", out), 2, "--out")
+        assert "--out" in refusal_line(*command, "--out", out)
 
 
 @pytest.mark.heavy
@@ -159,11 +149,12 @@ def test_doctor_prints_one_json_object_and_saves_frames(tmp_path: Path) -> None:
 def test_unreachable_bench_is_a_one_line_error(tmp_path: Path) -> None:
     bench = tmp_path / "bench.toml"
     assert rig("bench", "new", str(bench)).returncode == 0
-    one_line(rig("bench", "new", str(bench)), 2, "exists already")
+    assert "exists already" in refusal_line("bench", "new", str(bench))
     bench = real_bench_file(tmp_path)
-    one_line(rig("trial", "--bench", str(bench), "--jobs", "2"), 2, "--jobs")
+    assert "--jobs" in refusal_line("trial", "--bench", str(bench), "--jobs", "2")
     done = rig("trial", "--bench", str(bench), "--lifts", "1", "--object", "t1", "--out", str(tmp_path / "s"))
-    one_line(done, 1, "5 of 5 devices cannot be used", "nothing was started")
+    assert done.returncode == 1
+    assert "5 of 5 devices cannot be used, nothing was started" in done.stderr.splitlines()[-1]
     assert done.stderr.count("192.0.2.1") == 2  # arm and gripper, each once
     assert not (tmp_path / "s").exists()
 
@@ -194,4 +185,6 @@ def test_recording_resumes_and_has_the_layout_of_the_data_set(tmp_path: Path, li
     assert resumed["images_accepted"] == 4, "with the stored bench"
     again = [(out / "images.csv").read_text(), (out / "poses.jsonl").read_text()]
     assert again + [image.read_bytes() for image in images] == written
-    one_line(rig("record", "--object", "7", "--images", "10", "--out", str(tmp_path / "t")), 2, "--images")
+    assert "--images" in refusal_line(
+        "record", "--object", "7", "--images", "10", "--out", str(tmp_path / "t")
+    )

@@ -103,9 +103,7 @@ with show_question("again?") as answered:
 """
 
 
-def test_keys_and_enter_are_read_at_a_terminal(
-    at_terminal: Callable[[list[str], int], Any],
-) -> None:
+def test_keys_and_enter_are_read_at_a_terminal(at_terminal: Callable[[list[str], int], Any]) -> None:
     terminal = at_terminal([sys.executable, "-c", ASKED], 80)
     terminal.wait_for("press:")
     terminal.read_for(0.3)

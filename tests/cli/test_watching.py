@@ -100,10 +100,7 @@ def test_calibration_can_be_watched(page: Page, light_bench_file: Path, tmp_path
 
 
 @pytest.mark.heavy
-@pytest.mark.parametrize(
-    "what",
-    [("tactile",), *heavy((("markers",),), (("tcp", "--poses", 4),))],
-)
+@pytest.mark.parametrize("what", [("tactile",), *heavy((("markers",),), (("tcp", "--poses", 4),))])
 def test_every_calibration_reports_its_progress(
     what: tuple[object, ...], light_bench_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -131,8 +131,7 @@ def test_page_shows_the_angle_and_its_buttons_act(tmp_path: Path) -> None:
             for width, scheme in product((1400, 390), ("light", "dark")):
                 browser.open(address, width, scheme)
                 until(
-                    lambda: browser.value("document.querySelector('#chart path.estimate') !== null"),
-                    LIMIT_S,
+                    lambda: browser.value("document.querySelector('#chart path.estimate') !== null"), LIMIT_S
                 )
                 seen = json.loads(browser.value(SEEN))
                 assert {name: seen[name] for name in FLAWS if seen[name]} == {}
@@ -198,10 +197,7 @@ class Shown:
         return self.browser.value("document.getElementById('said').textContent")
 
     def chart(self) -> dict:
-        until(
-            lambda: self.browser.value("document.querySelector('#chart .estimate') !== null"),
-            LIMIT_S,
-        )
+        until(lambda: self.browser.value("document.querySelector('#chart .estimate') !== null"), LIMIT_S)
         until(lambda: self.browser.value("live.drawnTo") >= self.time_s - 1e-6, LIMIT_S)
         return json.loads(self.browser.value(CHART))
 

@@ -57,6 +57,13 @@ def refusal(*arguments: object) -> str:
     return done.stderr
 
 
+def refusal_line(*arguments: object) -> str:
+    """Return the line that explains why `rig ARGUMENTS` is refused."""
+    last = refusal(*arguments).splitlines()[-1]
+    assert last.startswith("rig: ")
+    return last
+
+
 def _exit_code() -> int:
     try:
         main()

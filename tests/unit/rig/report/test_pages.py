@@ -121,9 +121,7 @@ def test_strip_shows_the_largest_error_and_the_whole_lift_if_the_slip_was_caught
     assert max(np.diff(times_s)) < 0.5 * (times_s[-1] - times_s[0]), "today's six pictures were at 0.01 s"
 
 
-def test_page_states_the_share_of_useful_answers_and_explains_an_interval_from_zero(
-    trial: Path,
-) -> None:
+def test_page_states_the_share_of_useful_answers_and_explains_an_interval_from_zero(trial: Path) -> None:
     lifts = read(trial).lifts
     vague = replace(lifts[0].estimate, sigma_deg=np.full(len(lifts[0].estimate), 9.0))
     assert useful_share(lifts[1]) == 1.0

@@ -106,18 +106,12 @@ def test_limits_of_a_bench_file_are_for_all_trials() -> None:
     [
         ("", "limits: is missing"),
         ("limits = []\nupperr = 0.2", r"l.toml:2: upperr: unknown key \(did you mean 'upper'\?\)"),
-        (
-            '[[limit]]\nfigure = "answered"\nlower = 1\n',
-            "l.toml:1: limit: unknown key .did you mean",
-        ),
+        ('[[limit]]\nfigure = "answered"\nlower = 1\n', "l.toml:1: limit: unknown key .did you mean"),
         ("limits = 3", "l.toml:1: limits: must be a list, found 3"),
         ("[[limits]]\nfigure = { of = 1 }\nupper = 1.0", "must be text in quotation marks, found a table"),
         ('[[limits]]\nfigure = "answered"\n', "needs lower, upper or both"),
         ('[[limits]]\nfigure = "answered"\nlower = 2\nupper = 1\n', "lower is above upper"),
-        (
-            '[[limits]]\nfigure = "answered"\nlowest = 2\n',
-            "l.toml:3: limits.0.lowest: .*mean 'lower'",
-        ),
+        ('[[limits]]\nfigure = "answered"\nlowest = 2\n', "l.toml:3: limits.0.lowest: .*mean 'lower'"),
         ('[[limits]]\nfigure = "answered"\nlower = "much"\n', "number"),
     ],
 )

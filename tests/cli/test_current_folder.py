@@ -1,22 +1,16 @@
 """Commands that start processes import nothing from the current folder, whose files may be untrusted.
 
-Without --all, one command is run, and the source is searched for other ways to start a process.
+Without --all, the source is searched for other ways to start a process.
 """
 
 import json
 import shutil
-import signal
 import subprocess
 import sys
-from collections.abc import Callable
 from pathlib import Path
 
-import numpy as np
 import pytest
-from numpy.typing import NDArray
 
-from fakes.wire.net import free_address
-from support.angle_clips import write_clip
 from support.waiting import LIMIT_S
 
 ROOT = Path(__file__).parents[2]
@@ -60,16 +54,6 @@ def check(folder: Path, *words: object, program: tuple[str, ...] = RIG, codes: t
 
 
 @pytest.mark.heavy
-def test_replay_in_several_processes(folder: Path) -> None:
-    check(folder, "replay", ".", "--jobs", 2)
-
-
-@pytest.mark.heavy
-def test_list_of_sessions_in_several_processes(folder: Path) -> None:
-    check(folder, "sessions", "..")
-
-
-@pytest.mark.heavy
 def test_trial_in_several_processes_with_page(folder: Path, light_bench_file: Path) -> None:
     out = folder.parent / "out"
     check(
@@ -92,37 +76,6 @@ def test_doctor_over_the_wire_protocol(folder: Path, program: tuple[str, ...]) -
     )
     devices = {finding["device"] for finding in json.loads(said)["findings"]}
     assert devices >= {"arm", "gripper", "SIM-D0001", "SIM-D0002", "SIM-C0001"}
-
-
-def serve(folder: Path, ready: str, *words: object) -> None:
-    """Start a command that runs until it is stopped; stop it when it is ready."""
-    command = [*RIG, *map(str, words)]
-    with subprocess.Popen(
-        command, cwd=folder, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True
-    ) as process:
-        assert process.stderr is not None
-        seen = [process.stderr.readline()]
-        while ready not in seen[-1] and seen[-1]:
-            seen.append(process.stderr.readline())
-        process.send_signal(signal.SIGINT)
-        process.communicate(timeout=DEADLINE_S)
-    assert not (folder.parent / "run").exists(), (folder.parent / "run").read_text()
-    assert ready in seen[-1], "".join(seen)
-
-
-@pytest.mark.heavy
-def test_fakes_that_are_served(folder: Path) -> None:
-    serve(
-        folder, "Ctrl-C", "fakes", "serve", "--host", free_address(), "--write", folder.parent / "bench.toml"
-    )
-
-
-@pytest.mark.heavy
-def test_page_of_label_angle(
-    folder: Path, press: Callable[..., NDArray[np.uint8]], blank: NDArray[np.uint8]
-) -> None:
-    clip = write_clip(folder.parent / "clip", press, blank)
-    serve(folder, "draw the lines at", "label-angle", clip, "--count", 2, "--reference", 2, "--no-browser")
 
 
 def test_every_process_is_started_without_the_current_folder() -> None:

@@ -1,15 +1,8 @@
 """What `rig doctor` prints at 80 columns, and what `rig fakes serve --write` ends with."""
 
-from collections.abc import Iterator
-from contextlib import contextmanager
-from pathlib import Path
-from types import SimpleNamespace
-from typing import Any
-
 import pytest
 
 from rig.bench.findings import Finding, Severity
-from rig.config import load_bench
 from rig.terminal.tables import PlainConsole
 from support.command_line import rig
 
@@ -58,15 +51,3 @@ def test_doctor_verdict_without_failures(
 ) -> None:
     lines = doctor(monkeypatch, *findings)
     assert f"SIMULATED bench 'fake': {verdict}" in lines
-
-
-def test_fakes_serve_ends_with_the_next_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    @contextmanager
-    def hosted(*_: object) -> Iterator[tuple[Any, Any]]:
-        yield load_bench("wire"), SimpleNamespace(wait=lambda: None)
-
-    monkeypatch.setattr("rig.bench.fakes_process.hosted_fakes", hosted)
-    file = tmp_path / "my fakes.toml"
-    done = rig("fakes", "serve", "--write", file)
-    trial = f"rig trial --lifts 1 --object wrench --bench '{file}'"
-    assert done.stderr.splitlines()[-1] == f"next, in another terminal: {trial}"

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from drivers.clock import NS_PER_S
 from rig.frames import of_session as session_frames
 from rig.frames.of_session import SessionSeries
-from rig.frames.series import FrameSeries, TimedFrame, read_frames
+from rig.frames.series import FrameSeries, TimedFrame
 from rig.frames.times import FrameTime
 from rig.sessions.recorder import seconds_text
 from support.command_line import rig
@@ -355,23 +355,6 @@ def test_ros_bag_gives_the_estimates_of_the_same_frames_as_files(
     of_files = estimate(lift / "frames", *background, "--timestamps", tmp_path / "times.csv")
     assert of_bag.stdout == of_files.stdout
     assert len(rows(of_bag)) == 28
-
-
-@pytest.mark.heavy
-def test_ros_bag_of_public_frames_gives_their_estimates(real_data: Path, tmp_path: Path) -> None:
-    clip = min((real_data / "marker_slip_clips").glob("*_exp_num_1_camera_*.avi"))
-    frames = list(read_frames(clip))[:60]
-    path = write_bag(
-        tmp_path / "bag",
-        {TOPIC: [f.image for f in frames if f.image is not None]},
-        encoding="png",
-        times_ns=[frame.time.time_ns for frame in frames],
-    )
-    np.save(tmp_path / "clip.npy", [frame.image for frame in frames])
-    rate = NS_PER_S / (frames[1].time.time_ns - frames[0].time.time_ns)
-    same = ("--background", "first:1", "--estimator", "ecc")
-    of_bag, of_file = estimate(path, *same), estimate(tmp_path / "clip.npy", *same, "--fps", rate)
-    assert [{**row, "t_s": ""} for row in rows(of_bag)] == [{**row, "t_s": ""} for row in rows(of_file)]
 
 
 def test_ros_bag_without_its_topic_ends_with_code_2_and_lists_the_topics(press: Draw, tmp_path: Path) -> None:

@@ -14,7 +14,7 @@ from typer.core import TyperGroup
 
 from rig.calibrate.kinds import KINDS
 from rig.cli.calibrate import SUMMARIES
-from support.command_line import rig
+from support.command_line import refusal
 from support.documentation import commands, program
 from support.marks import heavy
 
@@ -104,18 +104,7 @@ def test_misspelt_name_is_rejected_with_the_closest_match(
     arguments: tuple[str, ...], near: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    done = rig(*arguments)
-    assert done.returncode == 2
-    assert f"id you mean '{near}'" in " ".join(done.stderr.split())
-
-
-def test_loading_of_a_built_in_bench_says_simulated(monkeypatch: pytest.MonkeyPatch) -> None:
-    phases: list[str] = []
-    monkeypatch.setattr("rig.cli.helping.begin_phase", phases.append)
-    command = EVERY["calibrate camera"]
-    for arguments in ([], ["--bench", "mine.toml"], ["--from", "samples"]):
-        command.make_context("camera", arguments)
-    assert phases == ["SIMULATED bench 'fake': loading"]
+    assert f"id you mean '{near}'" in " ".join(refusal(*arguments).split())
 
 
 def completed(line: str, folder: Path, code: str = "") -> list[str]:

@@ -1,9 +1,7 @@
 """`rig label-angle`: from a clip to labels that the benchmark reads."""
 
 import json
-import os
 import re
-import signal
 import stat
 import threading
 from collections.abc import Callable
@@ -15,9 +13,8 @@ import pytest
 from numpy.typing import NDArray
 
 from rig.benchmark.clips.labelled import read_clips
-from rig.labels.angle_lines import LINES
 from support.angle_clips import FIRST_CONTACT, TURN_DEG, ask, draw_all, write_clip
-from support.command_line import rig
+from support.command_line import refusal, rig, succeed
 
 Draw = Callable[..., NDArray[np.uint8]]
 Browse = Callable[[Callable[[str], None]], None]
@@ -63,8 +60,7 @@ def test_lines_become_labels_that_the_benchmark_reads(clip: Path, person: Browse
         ask(address, "write", {})
 
     person(task)
-    done = rig("label-angle", clip, *REFERENCE, "--count", 4, "--json")
-    assert done.returncode == 0, done.stderr
+    done = succeed("label-angle", clip, *REFERENCE, "--count", 4, "--json")
     assert json.loads(done.stdout) == {"out": str(clip / "labels.csv"), "labels": 4, "frames": 4}
     assert "is one of them: rig benchmark clips compares the other 3" in done.stderr
     (found,) = read_clips(clip)
@@ -97,48 +93,21 @@ def test_key_is_in_a_file_of_this_user_alone(clip: Path, monkeypatch: pytest.Mon
 
 
 @pytest.mark.heavy
-def test_drawing_continues_after_a_stop(clip: Path, person: Browse) -> None:
-    def stops(address: str) -> None:
-        draw_all(address, [2])
-        os.kill(os.getpid(), signal.SIGINT)
-
-    person(stops)
-    first = rig("label-angle", clip, *REFERENCE, "--count", 3)
-    assert first.returncode == 3, first.stderr
-    assert (clip / LINES).exists()
-    assert not (clip / "labels.csv").exists()
-
-    def goes_on(address: str) -> None:
-        draw_all(address, [8, 13])
-        ask(address, "write", {})
-
-    person(goes_on)
-    again = rig("label-angle", clip, *REFERENCE)
-    assert again.returncode == 0, again.stderr
-    assert "continuing with 4 clicks" in again.stderr
-    assert [label.frame for label in read_clips(clip)[0].labels] == [8, 13]
-
-
-@pytest.mark.heavy
 def test_missing_background_is_the_first_frame_and_other_frames_than_before_are_refused(
     clip: Path, person: Browse
 ) -> None:
     (clip / "background.png").unlink()
     person(labels_two_frames)
-    done = rig("label-angle", clip, *REFERENCE, "--count", 2)
-    assert done.returncode == 0, done.stderr
+    done = succeed("label-angle", clip, *REFERENCE, "--count", 2)
     assert "rig benchmark clips needs a background.png" in done.stderr
-    refused = rig("label-angle", clip, *REFERENCE, "--count", 5)
-    assert refused.returncode == 2
-    assert "was begun with 2 frames and the reference 2" in refused.stderr
+    refused = refusal("label-angle", clip, *REFERENCE, "--count", 5)
+    assert "was begun with 2 frames and the reference 2" in refused
 
 
 @pytest.mark.heavy
 def test_existing_labels_are_replaced_only_with_overwrite(clip: Path, person: Browse) -> None:
     (clip / "labels.csv").write_text("reference_frame,keyframe,angle_deg,sigma_deg\n2,6,1,1\n")
-    refused = rig("label-angle", clip, *REFERENCE)
-    assert refused.returncode == 2
-    assert "--overwrite" in refused.stderr
+    assert "--overwrite" in refusal("label-angle", clip, *REFERENCE)
     person(labels_two_frames)
     assert rig("label-angle", clip, *REFERENCE, "--count", 2, "--overwrite").returncode == 0
     assert "2,13," in (clip / "labels.csv").read_text()

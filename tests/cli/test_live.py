@@ -6,10 +6,8 @@ import re
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
-from contextlib import ExitStack, closing, contextmanager, suppress
+from contextlib import ExitStack, closing, suppress
 from pathlib import Path
-from urllib.request import Request, urlopen
 
 import numpy as np
 import pytest
@@ -19,16 +17,14 @@ from rig.cli.live import DeskOptions, desk_of
 from rig.live.clip_writer import ClipWriter
 from rig.live.feed import NO_FRAMES
 from rig.live.sensor_background import BACKGROUND_FRAMES
-from support.command_line import rig
+from support.command_line import rig, succeed
 from support.desk_frames import desk_frames
 from support.marks import heavy
-from support.waiting import LIMIT_S, until
 
 
 @pytest.mark.heavy
 def test_json_has_an_object_per_frame_and_the_summary_counts_them() -> None:
-    done = rig("live", "fake", "--estimator", "ellipse", "--json", "--seconds", "6")
-    assert done.returncode == 0, done.stderr
+    done = succeed("live", "fake", "--estimator", "ellipse", "--json", "--seconds", "6")
     lines = [line for line in map(json.loads, done.stdout.splitlines()) if line["state"] != NO_FRAMES]
     assert {"t_s", "angle_deg", "sigma_deg", "state", "rate_deg_s", "latency_ms"} <= set(lines[0])
     assert (lines[0]["sensor"], lines[0]["state"], lines[0]["angle_deg"]) == (
@@ -70,8 +66,7 @@ def test_json_ends_when_its_reader_has_gone() -> None:
 
 @pytest.mark.heavy
 def test_terminal_shows_a_line_now_and_then() -> None:
-    done = rig("live", "fake", "--terminal", "--seconds", "3.5")
-    assert done.returncode == 0, done.stderr
+    done = succeed("live", "fake", "--terminal", "--seconds", "3.5")
     lines = done.stdout.splitlines()
     assert lines[0].startswith("SIM-DESK1: angle     -    , taking the background; - frames/s, 0 dropped")
     assert 2 <= len(lines) <= 5
@@ -148,47 +143,6 @@ def test_wrong_source_or_option_is_one_line(
         assert "http://127.0.0.1:" not in done.stderr.replace("http://127.0.0.1:9/x", ""), "no page is opened"
 
 
-def press(address: str, action: str) -> None:
-    """Press a button of the page."""
-    with urlopen(Request(f"{address}do", action.encode())) as answer:
-        assert answer.status == 200
-
-
-@contextmanager
-def viewing(clips: Path) -> Iterator[tuple["subprocess.Popen[str]", str]]:
-    """Run `rig live fake`; yield its process and its page's address once the background is taken."""
-    command = [sys.executable, "-P", "-u", "-m", "rig", "live", "fake", "--no-browser", "--clips", clips]
-    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
-        assert process.stderr is not None
-        lines = iter(process.stderr.readline, "")
-        address = next(found[0] for line in lines if (found := re.search(r"http://\S+/(?=;)", line)))
-        assert any("background taken" in line for line in lines)
-        yield process, address
-
-
-@pytest.mark.heavy
-@pytest.mark.parametrize("signals", [(signal.SIGKILL,), *heavy(((signal.SIGINT, signal.SIGTERM),))])
-def test_clip_of_a_live_view_that_is_killed_is_complete(
-    tmp_path: Path, signals: tuple[signal.Signals, ...]
-) -> None:
-    with viewing(tmp_path) as (process, address):
-        press(address, "record")
-        until(lambda: len(list(tmp_path.glob("*/frames/[0-9]*.jpg"))) > 20)
-        for number in signals:
-            process.send_signal(number)
-        process.wait(LIMIT_S)
-    (clip,) = tmp_path.iterdir()
-    frames = {file.name for file in (clip / "frames").glob("[0-9]*.jpg")}
-    header, *rows = (clip / "timestamps.csv").read_text().splitlines()
-    assert header == "frame,t_s"
-    assert frames <= {row.split(",")[0] for row in rows}
-    done = rig("estimate", clip, "--out", tmp_path / "angles.csv")
-    assert done.returncode == 0, done.stderr
-    times_s = [float(row.split(",")[0]) for row in (tmp_path / "angles.csv").read_text().splitlines()[1:]]
-    assert len(times_s) == len(frames)
-    assert times_s[-1] > times_s[0] == 0.0
-
-
 @pytest.mark.heavy
 def test_bridge_publishes_every_frame_of_a_clip_although_they_come_faster_than_they_are_estimated(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -200,8 +154,7 @@ def test_bridge_publishes_every_frame_of_a_clip_although_they_come_faster_than_t
     loopback = "<Interfaces><NetworkInterface name='lo' multicast='true'/></Interfaces>"
     uri = f"<CycloneDDS><Domain><General>{loopback}</General></Domain></CycloneDDS>"
     monkeypatch.setenv("CYCLONEDDS_URI", uri)
-    done = rig("bridge", "ros2", folder, "--fps", "1000", "--domain", "99")
-    assert done.returncode == 0, done.stderr
+    done = succeed("bridge", "ros2", folder, "--fps", "1000", "--domain", "99")
     assert "publishing in domain 99: /frames/image_raw/compressed, /angle/frames, /slip/frames" in done.stderr
     assert re.search(r"; (\d+) of 165 frames with an angle; .*; 0 dropped", done.stderr.replace("\n", " "))
     # each frame has an image, and after those of the background also an angle and whether it slips

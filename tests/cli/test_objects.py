@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from support.benches import short_phases
-from support.command_line import rig
+from support.command_line import answer, refusal, rig, succeed
 
 pytestmark = pytest.mark.usefixtures("quick_pages")
 LEVER = """id = "lever"
@@ -100,10 +100,9 @@ def test_trial_lifts_own_object_and_stores_the_grasp_position(session: Path) -> 
 
 @pytest.mark.heavy
 def test_session_is_replayed_and_reported_without_the_object_folder(session: Path) -> None:
-    replayed = json.loads(rig("replay", session, "--jobs", 1, "--json").stdout)
+    replayed = answer("replay", session, "--jobs", 1)
     assert replayed["identical"] == 1
-    page = rig("report", session, "--json")
-    assert page.returncode == 0, page.stderr
+    succeed("report", session, "--json")
     assert "my lever" in (session / "report.html").read_text()
 
 
@@ -113,29 +112,24 @@ def test_session_resumes_without_the_object_folder_but_not_with_a_changed_object
     folder = tmp_path / "copy"
     shutil.copytree(session, folder)
     again = ("trial", "--resume", "--out", folder, "--no-report", "--json", "--bench")
-    done = rig(*again, light_bench_file)
-    assert done.returncode == 0, done.stderr
+    done = succeed(*again, light_bench_file)
     assert json.loads(done.stdout)["lifts_accepted"] == 1
     shutil.copytree(lab, tmp_path / "lab")
     changed = tmp_path / "lab" / "objects" / "lever.toml"
     changed.write_text(LEVER.replace("width_m = 0.02", "width_m = 0.025"))
-    other = rig(*again, tmp_path / "lab" / "bench.toml")
-    assert other.returncode == 2
-    assert "config.objects[0].position[0].width_m 0.02, not 0.025" in other.stderr
+    other = refusal(*again, tmp_path / "lab" / "bench.toml")
+    assert "config.objects[0].position[0].width_m 0.02, not 0.025" in other
 
 
 @pytest.mark.heavy
 def test_recording_takes_every_pose_of_the_object_file(lab: Path, tmp_path: Path) -> None:
     folder = tmp_path / "recording"
     what = ("record", "--object", "lever", "--images", 4, "--bench", lab / "bench.toml", "--out", folder)
-    done = rig(*what, "--json")
-    assert done.returncode == 0, done.stderr
-    assert json.loads(done.stdout)["poses_accepted"] == 2
+    done = answer(*what)
+    assert done["poses_accepted"] == 2
     assert (folder / "lever_my_lever" / "image_label").is_dir()
     assert "Recording of lever my lever" in (folder / "report.html").read_text()
-    more = rig(*what[:-1], tmp_path / "more", "--poses", 3)
-    assert more.returncode == 2
-    assert "has 2 poses in its file, not 3" in more.stderr
+    assert "has 2 poses in its file, not 3" in refusal(*what[:-1], tmp_path / "more", "--poses", 3)
 
 
 @pytest.mark.parametrize(
@@ -153,15 +147,12 @@ def test_object_that_cannot_be_lifted_is_rejected_before_the_session(
     assert old in LEVER
     (tmp_path / "lever.toml").write_text(LEVER.replace(old, new))
     folder = tmp_path / "session"
-    done = rig("trial", "--object", "lever", "--lifts", 1, "--objects", tmp_path, "--out", folder)
-    assert done.returncode == 2
-    assert said in done.stderr
+    assert said in refusal("trial", "--object", "lever", "--lifts", 1, "--objects", tmp_path, "--out", folder)
     assert not folder.exists()
 
 
 @pytest.mark.heavy
 def test_marker_calibration_accepts_own_object(lab: Path, tmp_path: Path) -> None:
     what = ("calibrate", "markers", "--object", "my lever", "--objects", lab / "objects", "--bench", "fake")
-    done = rig(*what, "--out", tmp_path, "--json")
-    assert done.returncode == 0, done.stderr
+    succeed(*what, "--out", tmp_path, "--json")
     assert rig(*what[:4], "--bench", "fake").returncode == 2, "the object is unknown without its folder"

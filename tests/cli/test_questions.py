@@ -35,14 +35,6 @@ IN_RECORD = """if True:
         bar.show(1, 15, "left at +15 deg: 15 images, 0 frames rejected")
         %s
 """
-IN_CALIBRATE = """if True:
-    from rig.cli.common import say, stop_on_signals
-    from rig.terminal.questions import ask
-    stop_on_signals()
-    if True:
-        say("  block 10 mm wide: 180 counts closing")
-        %s
-"""
 ASKED = """
         first = ask("Place object t1 (wrench) on its mark. Ready?")
         second = ask("Activate it now? Its fingers sweep their range.")
@@ -52,7 +44,7 @@ ASKED = """
 
 @pytest.mark.heavy
 @pytest.mark.parametrize("columns", [80, pytest.param(160, marks=pytest.mark.heavy)])
-@pytest.mark.parametrize("code", [IN_TRIAL, IN_RECORD, IN_CALIBRATE], ids=["trial", "record", "calibrate"])
+@pytest.mark.parametrize("code", [IN_TRIAL, IN_RECORD], ids=["trial", "record"])
 def test_displays_are_hidden_until_a_question_is_answered(
     at_terminal: AtTerminal, code: str, columns: int
 ) -> None:

@@ -19,7 +19,7 @@ from rig.sessions.records import LiftOutcome
 from rig.sessions.rows import read_lifts
 from rig.terminal.progress import OneMessage
 from support.benches import real_bench, real_bench_file
-from support.command_line import rig
+from support.command_line import answer, refusal, rig, succeed
 from support.quick_lifts import quick_lifts
 
 pytestmark = pytest.mark.usefixtures("quick_pages")
@@ -46,9 +46,8 @@ def test_resume_alone_continues_the_newest_unfinished_session_with_its_options(
 ) -> None:
     copied(one_lift, here / "sessions" / "old", started="2026-01-01T00:00:00+00:00")
     newest = copied(one_lift, here / "sessions" / "new")
-    done = rig("trial", "--resume", "--bench", light_bench_file, "--no-report", "--json")
-    assert done.returncode == 0, done.stderr
-    assert json.loads(done.stdout)["session"] == str(newest.relative_to(here))
+    done = answer("trial", "--resume", "--bench", light_bench_file, "--no-report")
+    assert done["session"] == str(newest.relative_to(here))
     assert json.loads((newest / "session.json").read_text())["status"] == "complete"
     assert json.loads((here / "sessions" / "old" / "session.json").read_text())["status"] == "running"
 
@@ -72,11 +71,10 @@ def test_resume_names_the_stored_bench_at_once_and_separates_its_times(
 def test_resume_without_an_unfinished_session_is_rejected(here: Path, one_lift: Path) -> None:
     copied(one_lift, here / "sessions" / "other", bench="another")
     for command in (("trial",), ("record",), ("replay",)):
-        done = rig(*command, "--resume")
-        assert done.returncode == 2
-        assert "no unfinished" in done.stderr.splitlines()[-1]
-        assert "--out" in done.stderr.splitlines()[-1]
-        named = "(sessions/other is one on bench 'another')" in done.stderr.splitlines()[-1]
+        done = refusal(*command, "--resume")
+        assert "no unfinished" in done.splitlines()[-1]
+        assert "--out" in done.splitlines()[-1]
+        named = "(sessions/other is one on bench 'another')" in done.splitlines()[-1]
         assert named == (command == ("trial",))
     assert "--object" in rig("record").stderr
     assert "no session given" in rig("replay").stderr
@@ -99,9 +97,7 @@ def test_resume_with_other_options_or_another_bench_names_the_difference(
         (("--bench", other), differs),
         (("--bench", other, "--dry-run"), differs),
     ):
-        done = rig(*common, *options)
-        assert done.returncode == 2
-        assert said in done.stderr.splitlines()[-1]
+        assert said in refusal(*common, *options).splitlines()[-1]
 
 
 def test_documented_resume_uses_the_stored_bench(
@@ -110,8 +106,7 @@ def test_documented_resume_uses_the_stored_bench(
     quick_lifts(monkeypatch)
     folder = copied(one_lift, here / "s")
     (folder / "lifts.jsonl").unlink()
-    done = rig("trial", "--resume", "--out", folder, "--no-report", "--jobs", 1, "--json")
-    assert done.returncode == 0, done.stderr
+    done = succeed("trial", "--resume", "--out", folder, "--no-report", "--jobs", 1, "--json")
     assert json.loads(done.stdout)["lifts_accepted"] == 1
     assert f"bench 'fake' as stored in {folder}" in done.stderr
     (again,), (before,) = read_lifts(folder), read_lifts(one_lift)
@@ -151,9 +146,7 @@ def test_stored_bench_that_cannot_be_used_is_refused(
         del values["camera"]["address"]
     config = BenchConfig.model_validate_json(json.dumps(values))
     folder = copied(one_lift, here / "s", **stored_with(config.without_passwords()))
-    done = rig("trial", "--resume", "--out", folder, "--yes")
-    assert done.returncode == 2
-    assert said in done.stderr.splitlines()[-1]
+    assert said in refusal("trial", "--resume", "--out", folder, "--yes").splitlines()[-1]
 
 
 def test_yes_answers_for_a_real_bench_only_if_the_command_line_names_it(
@@ -213,9 +206,8 @@ def test_ctrl_c_in_the_first_lift_keeps_the_session_for_resume(
     assert "continue with: rig trial" in done.stderr
     (folder,) = (here / "sessions").iterdir()
     quick_lifts(monkeypatch)
-    again = rig(*common, "--resume", "--json")
-    assert again.returncode == 0, again.stderr
-    assert json.loads(again.stdout)["lifts_accepted"] == 1
+    again = answer(*common, "--resume")
+    assert again["lifts_accepted"] == 1
     manifest = read_manifest(folder)
     assert (manifest.remarks.name, manifest.remarks.tags) == ("first try", ("new",))
     assert (manifest.status, manifest.estimator) == ("complete", "pca")

@@ -11,13 +11,7 @@ import pytest
 from fakes.gel.sensor import GelSensor, Imprint
 from fakes.objects.catalogue import load_catalogue
 from fakes.objects.surfaces import build_surface, depth_for_force
-from support.command_line import rig
-
-
-def error(*arguments: object) -> str:
-    done = rig(*arguments)
-    assert done.returncode == 2, done.stdout
-    return done.stderr.splitlines()[-1]
+from support.command_line import answer, refusal_line, rig
 
 
 def write(path: Path, rgb: np.ndarray) -> Path:
@@ -79,13 +73,13 @@ def test_invalid_input_is_a_one_line_error(frames: Path, tmp_path: Path) -> None
     text = tmp_path / "notes.png"
     text.write_text("no image")
     out = ("--out", tmp_path / "out")
-    assert "no such" in error("segment", tmp_path / "none", *out)
-    assert "--background" in error("segment", frames / "0.png", *out)
-    assert "would both become" in error("segment", frames / "0.png", other, "--model", "pspnet", *out)
-    assert "replace the image" in error("segment", frames, "--out", frames)
-    assert "one size" in error("segment", frames / "1.png", "--background", other, *out)
-    assert "best: network not found" in error("segment", frames, "--model", "best", *out)
-    assert "none of the images can be read" in error("segment", text, "--model", "pspnet", *out)
+    assert "no such" in refusal_line("segment", tmp_path / "none", *out)
+    assert "--background" in refusal_line("segment", frames / "0.png", *out)
+    assert "would both become" in refusal_line("segment", frames / "0.png", other, "--model", "pspnet", *out)
+    assert "replace the image" in refusal_line("segment", frames, "--out", frames)
+    assert "one size" in refusal_line("segment", frames / "1.png", "--background", other, *out)
+    assert "best: network not found" in refusal_line("segment", frames, "--model", "best", *out)
+    assert "none of the images can be read" in refusal_line("segment", text, "--model", "pspnet", *out)
 
 
 @pytest.mark.heavy
@@ -112,12 +106,12 @@ def test_manual_corrections_are_kept_and_exported(frames: Path, tmp_path: Path) 
 
 
 def test_shipped_networks_are_listed() -> None:
-    models = json.loads(rig("model", "list", "--json").stdout)["models"]
+    models = answer("model", "list")["models"]
     assert [model["name"] for model in models] == ["ours", "ours-full", "pspnet"]
     assert "SIMULATED" in rig("model", "list").stdout
 
 
 @pytest.mark.skipif(find_spec("torch") is not None, reason="extra `train` is installed")
 def test_training_without_its_extra_names_the_package_to_install(tmp_path: Path) -> None:
-    assert "[train]" in error("train", "--out", tmp_path / "run")
-    assert "[train]" in error("model", "import", "a.pth", "--out", tmp_path / "a.onnx")
+    assert "[train]" in refusal_line("train", "--out", tmp_path / "run")
+    assert "[train]" in refusal_line("model", "import", "a.pth", "--out", tmp_path / "a.onnx")

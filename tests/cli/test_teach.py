@@ -1,6 +1,5 @@
 """`rig teach`: positions are found at the bench, checked, shown, and written; comments stay."""
 
-import json
 import shutil
 import sys
 from collections.abc import Callable
@@ -10,7 +9,7 @@ from typing import Any
 import pytest
 
 from rig.config.objects import parse_object
-from support.command_line import rig
+from support.command_line import answer, rig, succeed
 
 LEVER = """# of the lab
 id = "lever"
@@ -37,11 +36,9 @@ def lab(tmp_path: Path, light_bench_file: Path) -> Path:
 @pytest.mark.heavy
 def test_taught_position_is_written_and_can_be_lifted(lab: Path) -> None:
     file = lab / "objects" / "lever.toml"
-    done = rig("teach", "lever", "--bench", lab / "bench.toml", "--yes", "--json")
-    assert done.returncode == 0, done.stderr
-    answer = json.loads(done.stdout)
-    assert (answer["file"], answer["written"], answer["simulated"]) == (str(file), ["end"], True)
-    (found,) = answer["positions"]
+    taught = answer("teach", "lever", "--bench", lab / "bench.toml", "--yes")
+    assert (taught["file"], taught["written"], taught["simulated"]) == (str(file), ["end"], True)
+    (found,) = taught["positions"]
     assert found["offset_m"] == pytest.approx(-0.05, abs=0.005)
     assert found["width_m"] == pytest.approx(0.08, abs=0.003)
     assert found["lift_height_m"] == pytest.approx(0.05, abs=0.005)
@@ -49,11 +46,8 @@ def test_taught_position_is_written_and_can_be_lifted(lab: Path) -> None:
     assert place.offset_m == found["offset_m"]
     assert place.width_m == found["width_m"]
     assert "# measured by eye" in file.read_text()
-    plan = rig(
-        "trial", "--object", "lever", "--lifts", 1, "--bench", lab / "bench.toml", "--dry-run", "--json"
-    )
-    assert plan.returncode == 0
-    assert any("lever/1" in line for line in json.loads(plan.stdout)["plan"])
+    plan = answer("trial", "--object", "lever", "--lifts", 1, "--bench", lab / "bench.toml", "--dry-run")
+    assert any("lever/1" in line for line in plan["plan"])
 
 
 @pytest.mark.heavy
@@ -61,8 +55,7 @@ def test_keys_teach_a_new_position(lab: Path) -> None:
     what = ("teach", "my lever", "--by", "keys", "--position", "middle", "--lift-height", 0.03)
     with (lab / "objects" / "lever.toml").open("a") as stream:
         stream.write('\n[[position]]\nname = "middle"\noffset_m = 0.0\nwidth_m = 0.085\nsurface = "flat"\n')
-    done = rig(*what, "--bench", lab / "bench.toml", "--yes", "--json")
-    assert done.returncode == 0, done.stderr
+    succeed(*what, "--bench", lab / "bench.toml", "--yes", "--json")
     places = parse_object((lab / "objects" / "lever.toml").read_text(), "").position
     assert [place.name for place in places] == ["end", "middle"]
     assert places[1].lift_height_m == 0.03
@@ -110,9 +103,7 @@ with show_question("again?") as answered:
 """
 
 
-def test_keys_and_enter_are_read_at_a_terminal(
-    at_terminal: Callable[[list[str], int], Any],
-) -> None:
+def test_keys_and_enter_are_read_at_a_terminal(at_terminal: Callable[[list[str], int], Any]) -> None:
     terminal = at_terminal([sys.executable, "-c", ASKED], 80)
     terminal.wait_for("press:")
     terminal.read_for(0.3)

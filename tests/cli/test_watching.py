@@ -12,7 +12,7 @@ from rig.live.feed import Inbox, Listener
 from rig.live.state import Progress, WatchState
 from rig.terminal.onlookers import Event
 from support.benches import short_phases
-from support.command_line import rig
+from support.command_line import refusal, rig, succeed
 from support.marks import heavy
 
 AtTerminal = Callable[[list[str], int], Any]
@@ -77,11 +77,10 @@ def test_watching_does_not_change_the_results(
 
 @pytest.mark.heavy
 def test_recording_can_be_watched(page: Page, light_bench_file: Path, tmp_path: Path) -> None:
-    done = rig(
+    succeed(
         "record", "--object", 7, "--poses", 1, "--images", 4, "--bench", light_bench_file, "--no-report",
         "--out", tmp_path / "s", "--watch-at", "127.0.0.1:0",
     )  # fmt: skip
-    assert done.returncode == 0, done.stderr
     assert page.values["pictures"].keys() >= TIPS
     assert page.begun[0].what == "poses"
 
@@ -89,11 +88,10 @@ def test_recording_can_be_watched(page: Page, light_bench_file: Path, tmp_path: 
 @pytest.mark.heavy
 def test_calibration_can_be_watched(page: Page, light_bench_file: Path, tmp_path: Path) -> None:
     blocks = ("--block-mm", 20, "--block-mm", 45, "--block-mm", 70)
-    done = rig(
+    succeed(
         "calibrate", "gripper", *blocks, "--bench", light_bench_file, "--out", tmp_path, "--json",
         "--watch",
     )  # fmt: skip
-    assert done.returncode == 0, done.stderr
     assert [event for event in page.events if event.kind != "progress"] == [Event("end", "done")]
     assert page.values["pictures"].keys() == {*TIPS, "SIM-C0001"}
     assert page.begun == [Progress("SIMULATED calibrate gripper on bench 'fake'", "contacts", 0, 0)]
@@ -102,17 +100,13 @@ def test_calibration_can_be_watched(page: Page, light_bench_file: Path, tmp_path
 
 
 @pytest.mark.heavy
-@pytest.mark.parametrize(
-    "what",
-    [("tactile",), *heavy((("markers",),), (("tcp", "--poses", 4),))],
-)
+@pytest.mark.parametrize("what", [("tactile",), *heavy((("markers",),), (("tcp", "--poses", 4),))])
 def test_every_calibration_reports_its_progress(
     what: tuple[object, ...], light_bench_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     events: list[Event] = []
     monkeypatch.setattr("rig.terminal.onlookers._observers", [events.append])
-    done = rig("calibrate", *what, "--bench", light_bench_file, "--out", tmp_path)
-    assert done.returncode == 0, done.stderr
+    succeed("calibrate", *what, "--bench", light_bench_file, "--out", tmp_path)
     progress = [event for event in events if event.kind == "progress"]
     assert progress[-1].done == progress[-1].total == len(progress)
 
@@ -120,16 +114,13 @@ def test_every_calibration_reports_its_progress(
 def test_watch_options_are_rejected_with_recorded_samples(tmp_path: Path) -> None:
     for options in (("--watch",), ("--watch-at", "127.0.0.1:0")):
         for what in ("camera", "hand-eye", "markers", "tactile", "gripper", "tcp", "sync"):
-            done = rig("calibrate", what, "--from", tmp_path, *options)
-            assert done.returncode == 2
-            assert f"{options[0]} is for a calibration on a bench" in done.stderr, what
+            done = refusal("calibrate", what, "--from", tmp_path, *options)
+            assert f"{options[0]} is for a calibration on a bench" in done, what
 
 
 def test_invalid_watch_options_are_rejected_before_the_session(tmp_path: Path) -> None:
     options = ("--lifts", 1, "--object", "toothbrush", "--watch-at", "nowhere")
-    done = rig("trial", *options, "--out", tmp_path / "s")
-    assert done.returncode == 2
-    assert "write host and port" in done.stderr
+    assert "write host and port" in refusal("trial", *options, "--out", tmp_path / "s")
     assert not (tmp_path / "s").exists()
 
 

@@ -13,14 +13,12 @@ from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
 from rosbags.interfaces import ConnectionExtRosbag2
-from typer.testing import CliRunner
 
 from drivers.clock import NS_PER_S
 from drivers.errors import InputError, SessionError
 from drivers.types import Pose
 from protocols.grasps import find_grasp_file
 from protocols.observer import Phase
-from rig.cli.main import app
 from rig.config import extras, load_bench
 from rig.experiments.lift_plan import TrialSettings
 from rig.experiments.record import RecordSettings, run_record
@@ -92,27 +90,6 @@ def test_csv_and_parquet_contain_the_same_tables(one_lift: Path, tmp_path: Path)
     ]
     assert changes_sign(recorded), "the tool points down, and its pose has noise"
     assert not changes_sign([[row[name] for name in ("qx", "qy", "qz", "qw")] for row in arm])
-
-
-@pytest.mark.heavy
-@pytest.mark.filterwarnings("ignore:__array__ implementation")  # pycocotools 2.0.11 with numpy 2
-def test_coco_is_read_by_pycocotools_and_states_the_origin_of_its_masks(
-    one_lift: Path, recording: Path, tmp_path: Path
-) -> None:
-    coco_module = pytest.importorskip("pycocotools.coco")
-    for session, least in ((one_lift, 15), (recording, 4)):
-        out = tmp_path / session.name
-        exported = export_session(session, "coco", out)
-        coco = coco_module.COCO(str(out / "coco.json"))
-        assert len(coco.getImgIds()) == exported.counts["images"] >= least
-        assert "SIMULATED" in coco.dataset["info"]["description"]
-        assert "proposed by image processing" in coco.dataset["info"]["description"]
-        for annotation in coco.loadAnns(coco.getAnnIds()):
-            image = coco.loadImgs(annotation["image_id"])[0]
-            picture = cv2.imread(str(out / image["file_name"]))
-            mask = coco.annToMask(annotation)
-            assert mask.shape == picture.shape[:2] == (image["height"], image["width"])
-            assert mask.sum() == pytest.approx(annotation["area"], rel=0.03)
 
 
 def test_stored_true_masks_are_exported(recording: Path, tmp_path: Path) -> None:
@@ -422,14 +399,3 @@ def test_failed_export_leaves_no_files(one_lift: Path, recording: Path, tmp_path
     assert {path.name for path in tmp_path.iterdir()} == {"broken"}
     with pytest.raises(InputError, match="exists already"):
         export_session(one_lift, "csv", tmp_path / "broken")
-
-
-def test_command_prints_counts_and_folder(one_lift: Path, tmp_path: Path) -> None:
-    done = CliRunner().invoke(
-        app, ["export", str(one_lift), "--to", "csv", "--out", str(tmp_path / "x"), "--json"]
-    )
-    assert done.exit_code == 0, done.output
-    figures = json.loads(done.stdout)
-    assert figures["counts"]["lifts"] == 1
-    assert Path(figures["out"]) == tmp_path / "x"
-    assert "SIMULATED" in done.stderr

@@ -9,11 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drivers.errors import OperatorStopError, RecordingError
+from drivers.errors import RecordingError
 from drivers.types import Frame
 from protocols.observer import Phase
-from protocols.slip_trial import run_lift
-from rig.bench.assembly import build_bench
 from rig.config import BenchConfig
 from rig.experiments import lift_plan
 from rig.experiments.lift_attempt import attempt_lift
@@ -88,16 +86,6 @@ def test_fault_in_mid_lift_is_named_and_gives_no_result(device: str, kind: str, 
 
 
 @pytest.mark.heavy
-@pytest.mark.parametrize("kind", ["blocked", "false_success", "stuck", "overshoot"])
-def test_release_that_cannot_be_verified_ends_the_lift_as_a_fault(kind: str) -> None:
-    row = attempt_lift(fault("gripper", kind, 10.5), TASK).row
-    assert not row.accepted
-    text = "still in contact" if kind == "false_success" else "instead of"
-    assert f"FingerMotionError: gripper: {'' if kind == 'false_success' else 'the fingers'}" in row.fault
-    assert text in row.fault
-
-
-@pytest.mark.heavy
 def test_final_angles_of_a_fallen_lift_are_those_before_the_fall(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(lift_plan, "plan_lift", lambda *of: replace(plan_lift(*of), grip_steps=2))
     row = attempt_lift(settings(), TASK).row
@@ -115,32 +103,6 @@ def test_dropped_frames_are_counted_and_the_lift_goes_on_in_phases_of_the_stated
     lengths_s = [row.phases_s[end] - row.phases_s[begin] for begin, end in pairwise(Phase)]
     assert lengths_s[1:] == pytest.approx([3.0, 1.5, 1.2], abs=0.3)
     assert row.dropped["SIM-D0001"] == 4  # of 0.2 s at 20 frames/s
-
-
-@pytest.mark.heavy
-def test_operator_stop_sets_the_object_down_first(monkeypatch: pytest.MonkeyPatch) -> None:
-    config = settings()
-    bench, operator = build_bench(config.bench, seed=3)
-    plan = plan_lift(config, TASK, bench.base_T_table)
-
-    passed_on = LiftMeasurement.phase
-
-    def stop_in_hold(measurement: LiftMeasurement, phase: Phase, time_ns: int) -> None:
-        passed_on(measurement, phase, time_ns)
-        if phase is Phase.HOLD:
-            raise OperatorStopError("stopped")
-
-    monkeypatch.setattr(LiftMeasurement, "phase", stop_in_hold)
-    with bench.connection():
-        bench.gripper.activate()
-        operator.place("t1", "wrench")
-        with pytest.raises(OperatorStopError) as raised:
-            run_lift(bench, plan, new_measurement(config))
-        height = bench.arm.state().base_T_tcp.position_m[2]
-        opening_m = bench.gripper.state().opening_m
-    assert "set down" in raised.value.__notes__[0]
-    assert height == pytest.approx(plan.base_T_grasp.position_m[2] + 0.10, abs=1e-3)
-    assert opening_m >= bench.gripper.spec.nearest(plan.width_m)
 
 
 @pytest.fixture

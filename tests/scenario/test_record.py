@@ -1,12 +1,4 @@
-"""Recording grasp poses: stored and rejected frames, and continuing after a kill."""
-
-import json
-import random
-import signal
-import subprocess
-import sys
-import time
-from pathlib import Path
+"""Recording grasp poses: stored and rejected frames."""
 
 import cv2
 import numpy as np
@@ -14,9 +6,7 @@ import pytest
 
 from drivers.types import Frame
 from rig.experiments.record import FRAMES_APART, PoseCapture
-from rig.sessions.rows import read_poses
 from rig.tactile.contact.finder import ContactFinder
-from support.command_line import rig
 
 
 @pytest.mark.heavy
@@ -36,32 +26,3 @@ def test_frames_without_contact_are_rejected_and_counted() -> None:
     assert observer.rejected == 4
     assert sorted(frame.serial for frame, _, _ in observer.taken) == ["L", "L", "R", "R"]
     assert all(area > 0 and grip == 2 for _, grip, area in observer.taken)
-
-
-@pytest.mark.heavy
-def test_killed_recordings_are_completed_without_repeating_poses(
-    light_bench_file: Path, tmp_path: Path
-) -> None:
-    chance = random.Random(5)
-    what = ["--object", "mug", "--poses", "3", "--images", "12", "--bench", str(light_bench_file)]
-    command = ["record", *what, "--no-report", "--out"]
-    out = [str(tmp_path / "s"), "--resume"]
-    done: list[int] = []
-    for _ in range(3):
-        words = [sys.executable, "-m", "rig", *command, *out]
-        process = subprocess.Popen(words, stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
-        time.sleep(chance.uniform(1.0, 3.0))
-        process.send_signal(signal.SIGKILL)
-        process.wait()
-        rows = read_poses(tmp_path / "s")
-        assert [row.pose for row in rows][: len(done)] == done
-        done = [row.pose for row in rows]
-    figures = json.loads(rig(*command, *out, "--json").stdout)
-    assert (figures["poses_accepted"], figures["images_accepted"]) == (3, 12)
-    whole = rig(*command, tmp_path / "t", "--json")
-    assert json.loads(whole.stdout)["images_accepted"] == 12
-    for path in sorted((tmp_path / "t").rglob("*.png")):
-        assert path.read_bytes() == (tmp_path / "s" / path.relative_to(tmp_path / "t")).read_bytes()
-    kept = (tmp_path / "s" / "poses.jsonl").read_text()
-    assert kept == (tmp_path / "t" / "poses.jsonl").read_text()
-    assert (tmp_path / "s" / "images.csv").read_text() == (tmp_path / "t" / "images.csv").read_text()

@@ -121,6 +121,10 @@ def test_stored_sessions_are_exported(to: str, tmp_path: Path) -> None:
         pytest.importorskip("pyarrow")
     of_trial = export_session(TRIAL, to, tmp_path / "trial").counts
     assert min(of_trial.values()) > 0
+    if to == "coco":
+        about = json.loads((tmp_path / "trial" / "coco.json").read_text())["info"]["description"]
+        assert "SIMULATED" in about
+        assert "proposed by image processing" in about
     if to != "lerobot":
         of_record = export_session(RECORD, to, tmp_path / "record").counts
         assert of_record["images"] == 2

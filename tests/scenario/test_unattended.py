@@ -171,19 +171,6 @@ def test_object_that_was_set_down_needs_nobody_after_a_resume(
     assert (alone.begun, alone.asked) == (["t1/2"], [])
 
 
-def test_named_feeder_places_objects_and_is_written_into_the_log(
-    tmp_path: Path, light_bench: BenchConfig, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    quick_lifts(monkeypatch, falling=["t1"])
-    fed = Attended(light_bench, feeder="magazine 2")
-    run(tmp_path / "s", fed, ["t1", "t2"], 2)
-    assert fed.asked == []
-    assert len(read_lifts(tmp_path / "s")) == 4
-    log = (tmp_path / "s" / "log.txt").read_text()
-    assert log.count("object t1 (wrench) was placed by the feeder 'magazine 2'") == 2, "it fell"
-    assert log.count("object t2 (toothbrush) was placed by the feeder 'magazine 2'") == 1
-
-
 @pytest.mark.heavy
 def test_recording_needs_a_person_after_a_fault(tmp_path: Path, light_bench: BenchConfig) -> None:
     fault = {"device": "gripper", "kind": "blocked", "at_s": 4.0}

@@ -20,30 +20,6 @@ from support.slow_motion import IN_SLOW_MOTION
 from support.waiting import LIMIT_S, until
 
 pytestmark = pytest.mark.heavy
-REQUESTS_PER_S = 2000
-"""More than the page answers: with 300, few lifts were disturbed when the lift itself served the page."""
-HAMMER = f"""if True:
-    import itertools, os, socket, sys, threading, time
-    os.nice(19)  # the flood comes from other computers: it takes no time from the lift here
-    host, port = sys.argv[1].removeprefix("http://").rstrip("/").split(":")
-    asked = itertools.count()
-    began = time.monotonic()
-    def ask():
-        while True:
-            number = next(asked)
-            time.sleep(max(0.0, began + number / {REQUESTS_PER_S} - time.monotonic()))
-            path = ("/", "/state.json", "/picture/SIM-C0001.jpg")[number % 3]
-            try:
-                with socket.create_connection((host, int(port)), 5.0) as connection:
-                    connection.sendall(f"GET {{path}} HTTP/1.1\\r\\nHost: {{host}}\\r\\n\\r\\n".encode())
-                    while connection.recv(65536):
-                        pass
-            except OSError:
-                time.sleep(0.01)
-    for _ in range(60):
-        threading.Thread(target=ask, daemon=True).start()
-    time.sleep(600)
-"""
 
 
 @pytest.fixture
@@ -68,16 +44,6 @@ def finish(process: "subprocess.Popen[str]", out: Path) -> None:
     assert process.returncode == 0, error
     (row,) = read_finished_lifts(out)
     assert row.attempt == 0, "no attempt before it ended as a fault"
-
-
-def test_flood_of_requests_does_not_disturb_a_lift(wire_file: Path, tmp_path: Path) -> None:
-    with watched_trial(wire_file, tmp_path / "s") as (process, address):
-        hammer = subprocess.Popen([sys.executable, "-c", HAMMER, address])
-        try:
-            finish(process, tmp_path / "s")
-        finally:
-            hammer.kill()
-            hammer.wait()
 
 
 def test_stopped_page_does_not_disturb_a_lift(wire_file: Path, tmp_path: Path) -> None:

@@ -9,14 +9,17 @@ from pathlib import Path
 
 import pytest
 
+from rig.bench.fakes_process import started_fakes
 from rig.benchmark.wire.lift import WireLift, judge_wire, measure_wire
 from rig.config import BenchConfig
+from rig.config.objects import new_object_file
+from rig.config.write import write_bench
 from rig.sessions.manifest import TrialManifest, read_manifest_of
 from rig.sessions.records import LiftOutcome
 from rig.sessions.rows import read_finished_lifts
-from support.command_line import rig
+from support.command_line import answer, refusal, rig
 from support.quick_lifts import STORED_TRIAL
-from support.slow_motion import IN_SLOW_MOTION, slow_down
+from support.slow_motion import IN_SLOW_MOTION, SLOWNESS, slow_down
 from support.waiting import LIMIT_S
 
 
@@ -49,6 +52,28 @@ def test_wire_lift_is_compared_with_the_same_lift_in_process() -> None:
     for different in (turned, fallen, wrong):
         missed = [limit for limit in judge_wire(replace(same, row=different)) if not limit.met]
         assert len(missed) == 1
+
+
+@pytest.mark.heavy
+def test_new_object_is_taught_and_recorded(
+    tmp_path: Path, unhurried_bench: BenchConfig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    slow_down(monkeypatch)
+    monkeypatch.setattr("rig.bench.fakes_process.LED_S", 1.5)
+    (tmp_path / "objects").mkdir()
+    new_object_file(tmp_path / "objects" / "lever.toml")
+    with started_fakes(unhurried_bench, SLOWNESS) as served:
+        write_bench(tmp_path / "bench.toml", served)
+        bench = ("--bench", tmp_path / "bench.toml", "--json")
+        taught = rig("teach", "lever", *bench, "--yes")
+        poses = ("--poses", 1, "--images", 4, "--no-report", "--out", tmp_path / "poses")
+        recorded = rig("record", "--object", "lever", *poses, *bench)
+    assert taught.returncode == 0, taught.stderr
+    (found,) = json.loads(taught.stdout)["positions"]
+    assert found["problems"] == []
+    assert (found["offset_m"], found["height_m"]) == pytest.approx((0.03, 0.0), abs=0.005)
+    assert found["width_m"] == pytest.approx(0.03, abs=0.003)
+    assert json.loads(recorded.stdout)["poses_accepted"] == 1, recorded.stderr
 
 
 @pytest.mark.heavy
@@ -93,10 +118,8 @@ def test_served_fakes_print_a_bench_file_execute_commands_and_end_cleanly(tmp_pa
         assert json.loads(status.stdout)["object"] == "t1"
         assert rig("objects", "new", tmp_path / "objects" / "lever.toml").returncode == 0
         assert rig("fakes", "place", "lever", "--bench", file).returncode == 0, "it lies beside the file"
-        assert json.loads(rig("fakes", "status", "--bench", file, "--json").stdout)["object"] == "lever"
-        wrong = rig("fakes", "fault", "arm", "hiccup", "--bench", file)
-        assert wrong.returncode == 2
-        assert "protective_stop" in wrong.stderr
+        assert answer("fakes", "status", "--bench", file)["object"] == "lever"
+        assert "protective_stop" in refusal("fakes", "fault", "arm", "hiccup", "--bench", file)
     finally:
         process.send_signal(signal.SIGINT)
         out, _ = process.communicate(timeout=LIMIT_S)

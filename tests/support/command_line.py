@@ -1,12 +1,14 @@
 """Run the command line in this process, as `python -m rig` runs it in a separate one."""
 
 import io
+import json
 import os
 import signal
 import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, redirect_stderr, redirect_stdout
+from typing import Any
 
 import pytest
 
@@ -34,6 +36,32 @@ def rig(*arguments: object) -> "subprocess.CompletedProcess[str]":
     with _away_from_a_terminal(command), _signals_kept(), redirect_stdout(out), redirect_stderr(err):
         code = _exit_code()
     return subprocess.CompletedProcess(command, code, out.getvalue(), err.getvalue())
+
+
+def succeed(*arguments: object) -> "subprocess.CompletedProcess[str]":
+    """Run `rig ARGUMENTS` as `rig` does; fail unless its exit code is 0."""
+    done = rig(*arguments)
+    assert done.returncode == 0, done.stderr
+    return done
+
+
+def answer(*arguments: object) -> Any:
+    """Return the object that `rig ARGUMENTS --json` prints; fail unless its exit code is 0."""
+    return json.loads(succeed(*arguments, "--json").stdout)
+
+
+def refusal(*arguments: object) -> str:
+    """Return the messages of `rig ARGUMENTS`; fail unless it is refused, with exit code 2."""
+    done = rig(*arguments)
+    assert done.returncode == 2, done.stderr
+    return done.stderr
+
+
+def refusal_line(*arguments: object) -> str:
+    """Return the line that explains why `rig ARGUMENTS` is refused."""
+    last = refusal(*arguments).splitlines()[-1]
+    assert last.startswith("rig: ")
+    return last
 
 
 def _exit_code() -> int:

@@ -434,14 +434,6 @@ def test_augmented_clips_have_a_row_per_version_and_all_count_for_limits(clips: 
     assert table.markdown() in report.section
 
 
-@pytest.mark.parametrize("name", ["eraser_1", "potato_0"])
-def test_real_clip_is_measured_within_three_degrees(real_clips: Path, tmp_path: Path, name: str) -> None:
-    (tmp_path / name).symlink_to(real_clips / name)
-    score = measure(ClipsOptions(tmp_path, ["slip"]), Run()).tables[1].records[0]["score"]
-    assert (score.labels, float(score.answered)) == (5, 1.0)
-    assert score.mean_deg < 3.0
-
-
 @pytest.mark.heavy
 @pytest.mark.timeout(600)
 def test_real_clips_of_the_validation_group_meet_every_limit(real_clips: Path) -> None:

@@ -27,8 +27,9 @@ from rig.cli.main import app
 from rig.contract_checks import gel
 from rig.frames.clips import trial_turns_deg
 from rig.frames.series import make_background, read_frames
-from support.command_line import rig
+from support.command_line import answer
 from support.public_sets import about_z, turns_deg, write_trial
+from support.videos import write_video
 
 Image = NDArray[np.uint8]
 Draw = Callable[..., Image]
@@ -62,10 +63,7 @@ def clone(frames: list[Image], blank: Image, tmp_path_factory: pytest.TempPathFa
     for number, image in enumerate(frames[1:], 1):
         (folder / f"{number}.png").write_bytes(encode_png(image))
     cv2.imwrite(str(folder / "1.png"), cv2.cvtColor(frames[1], cv2.COLOR_RGB2BGRA))
-    writer = cv2.VideoWriter(str(folder / "movie.avi"), cv2.VideoWriter.fourcc(*"MJPG"), 25.0, (240, 320))
-    for image in (blank, *frames):
-        writer.write(np.ascontiguousarray(image[..., ::-1]))
-    writer.release()
+    write_video(folder / "movie.avi", (blank, *frames))
     git(folder, "add", "-A")
     git(folder, "commit", "-qm", "files")
     return folder
@@ -295,9 +293,8 @@ def test_estimators_are_compared_with_the_known_turns(tracking: Path) -> None:
     overall = measure(ClipsOptions(tracking / "key0", ["slip"]), Run()).tables[1].records[0]["score"]
     assert overall.mean_deg < 3.0
     assert float(overall.within) >= 0.8
-    done = rig("benchmark", "clips", tracking / "key0", "--estimator", "pca", "--reversed-turns", "--json")
-    assert done.returncode == 0, done.stderr
-    reversed_turns = json.loads(done.stdout)["estimators"]["pca"]["all"]
+    done = answer("benchmark", "clips", tracking / "key0", "--estimator", "pca", "--reversed-turns")
+    reversed_turns = done["estimators"]["pca"]["all"]
     assert reversed_turns["labels"] == 3
     assert reversed_turns["mean_deg"] > 20.0
 

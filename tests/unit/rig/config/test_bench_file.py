@@ -82,7 +82,6 @@ def test_missing_bench_file_is_named_as_missing(name: str) -> None:
     ("old", "new", "said"),
     [
         ("home_m", "hom_m", "did you mean 'home_m'"),
-        ("[table]", "[tabel]", "did you mean 'table'"),
         ("focal_px = 640.0", "focal_px = 0", "greater than 0, found 0"),
         (
             "focal_px = 640.0",
@@ -92,7 +91,6 @@ def test_missing_bench_file_is_named_as_missing(name: str) -> None:
         ("frequency_hz = 500", "frequency_hz = nan", "finite"),
         ("max_speed_m_s = 0.5", "max_speed_m_s = 20", "must be at most 1, found 20"),
         ('preset = "tcp"  ', 'preset = "rtu"  ', "must be 'tcp' or 'tcp-2014', found 'rtu'"),
-        ('transport = "tcp"', 'transport = "rtu"', "gripper.host: has no effect with transport 'rtu'"),
         ('host = "192.0.2.10"', "", "arm.host: is missing: write the controller's address"),
         ('driver = "ur5e"', 'driver = "ur5"', "arm.driver: must be 'fake' or 'ur5e', or a class of your own"),
         ('driver = "ur5e"', "", "arm.driver: is missing: write 'fake' or 'ur5e'"),
@@ -108,8 +106,6 @@ def test_missing_bench_file_is_named_as_missing(name: str) -> None:
         ("rate_hz = 30", "rate_hz = 15", "at most 50 ms apart"),
         ("look_at_m = [0.45, 0.0, 0.10]", "look_at_m = [0.45, -0.62, 0.0]", "straight above"),
         ("payload_kg = 2.5", "payload_kg = 5.5", "max_payload_kg"),
-        ('driver = "camera"', 'driver = "fake"', "camera.address: has no effect with driver 'fake'"),
-        ("port = 502", "port = true", "must be a whole number, found true"),
         ("port = 502", 'port = "502"', "must be a whole number, found '502'"),
         ("name = ", 'name = ""  # ', "must not be empty"),
         ('host = "192.0.2.10"', 'host = "http://arm:80"', "arm.host"),

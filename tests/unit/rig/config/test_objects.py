@@ -66,34 +66,18 @@ def test_given_folder_must_exist_and_a_missing_default_adds_nothing(
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [
-        (
-            "width_m = 0.03",
-            "width_mm = 30",
-            r":9: position.0.width_mm: .*did you mean 'width_m'",
-        ),
-        (
-            "width_m = 0.03",
-            "width_m = 30.0",
-            r":9: position.0.width_m: .*less than 0.15, found 30.0",
-        ),
+        ("width_m = 0.03", "width_mm = 30", r":9: position.0.width_mm: .*did you mean 'width_m'"),
+        ("width_m = 0.03", "width_m = 30.0", r":9: position.0.width_m: .*less than 0.15, found 30.0"),
         ("offset_m = 0.01", 'offset_m = "1 cm"', r":8: position.0.offset_m: .*found '1 cm'"),
         ("[0, 15.0]", "[]", r":3: orientations_deg: has too few entries"),
         ("[1.2, 2.5]", "[2.5, 1.2]", r":4: grip_mm: is not a range from above 0 to 62.5 mm"),
         ("grip_mm = [1.2, 2.5]\n", "", r"grip_mm: is missing"),
-        (
-            "2.5]\n",
-            "2.5]\nlargest_grip_mm = 2.0\n",
-            r":5: largest_grip_mm: 2 is below grip_mm, 2.5",
-        ),
+        ("2.5]\n", "2.5]\nlargest_grip_mm = 2.0\n", r":5: largest_grip_mm: 2 is below grip_mm, 2.5"),
         ('id = "box"', 'id = "../box"', r":1: id: "),
         ('id = "box"', 'id = "gauge:3"', r":1: id: "),
         ('id = "box"', "id = ", r"not valid TOML: .*line 1"),
         ('name = "cardboard box"\n', "", r"name: is missing"),
-        (
-            "[[position]]",
-            BOX[BOX.index("[[position]]") :] + "\n[[position]]",
-            r":6: position: has two",
-        ),
+        ("[[position]]", BOX[BOX.index("[[position]]") :] + "\n[[position]]", r":6: position: has two"),
     ],
 )
 def test_invalid_value_is_named_with_file_and_line(folder: Path, old: str, new: str, said: str) -> None:

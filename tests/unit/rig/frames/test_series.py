@@ -15,6 +15,7 @@ from drivers.images import read_image, with_jpeg
 from drivers.types import Frame
 from rig.frames.series import make_background, read_frames
 from rig.sessions.recorder import LiftRecorder
+from support.videos import write_video
 
 Image = NDArray[np.uint8]
 Draw = Callable[..., Image]
@@ -34,16 +35,6 @@ def folder(tmp_path: Path) -> Path:
     for i in (2, 10, 1):
         write(tmp_path / f"frame{i}.png", grey(i))
     return tmp_path
-
-
-def video(path: Path, frames: list[Image], fps: float = 25.0) -> Path:
-    size = (frames[0].shape[1], frames[0].shape[0])
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), fps, size)
-    assert writer.isOpened()
-    for frame in frames:
-        writer.write(np.ascontiguousarray(frame[..., ::-1]))
-    writer.release()
-    return path
 
 
 def test_images_come_in_the_order_people_count_at_an_assumed_rate_with_a_note(folder: Path) -> None:
@@ -73,7 +64,7 @@ def test_two_images_of_one_name_are_rejected(folder: Path) -> None:
 
 
 def test_folder_of_a_video_and_a_background_is_a_clip(tmp_path: Path) -> None:
-    video(tmp_path / "clip.avi", [grey(level) for level in (10, 20, 30)])
+    write_video(tmp_path / "clip.avi", [grey(level) for level in (10, 20, 30)])
     write(tmp_path / "background.png", grey(200))
     series = read_frames(tmp_path)
     assert [f.time.text for f in series] == ["0.000000", "0.040000", "0.080000"]
@@ -89,20 +80,20 @@ def test_frames_are_rgb(tmp_path: Path) -> None:
     assert np.array_equal(read_image(write(tmp_path / "red.png", red)), red)
     series = read_frames(tmp_path / "red.png")
     assert [frame.time.time_ns for frame in series] == [0]
-    image = next(read_frames(video(tmp_path / "red.avi", [red] * 3)).images())
+    image = next(read_frames(write_video(tmp_path / "red.avi", [red] * 3)).images())
     assert abs(int(image[5, 5, 0]) - 200) < 12
     assert image[5, 5, 2] < 12
 
 
 def test_video_rate_is_used_unless_fps_is_given(tmp_path: Path) -> None:
-    path = video(tmp_path / "clip.avi", [grey(20 * i) for i in range(5)])
+    path = write_video(tmp_path / "clip.avi", [grey(20 * i) for i in range(5)])
     assert [f.time.text for f in read_frames(path)][-1] == "0.160000"
     assert [f.time.text for f in read_frames(path, fps=50.0)][-1] == "0.080000"
     assert [f.name for f in read_frames(path)] == ["0", "1", "2", "3", "4"]
 
 
 def test_truncated_video_is_read_to_its_end_with_a_note(tmp_path: Path, press: Draw) -> None:
-    whole = video(tmp_path / "whole.avi", [press(9 * i, seed=i) for i in range(10)]).read_bytes()
+    whole = write_video(tmp_path / "whole.avi", [press(9 * i, seed=i) for i in range(10)]).read_bytes()
     cut = tmp_path / "cut.avi"
     cut.write_bytes(whole[: len(whole) // 2])
     series = read_frames(cut)
@@ -314,7 +305,7 @@ def test_frames_of_two_sensors_are_refused_with_both_names(tmp_path: Path) -> No
     sides = [with_texture(seed) for seed in (1, 2)]
     frames = [sides[i % 2] + np.uint8(i // 4) for i in range(9)]
     with pytest.raises(InputError, match="frames '0' and '1' are of two sensors"):
-        list(read_frames(video(tmp_path / "both.avi", frames)))
+        list(read_frames(write_video(tmp_path / "both.avi", frames)))
     for i in range(2):
         for side in ("left", "Right"):
             write(tmp_path / f"{side}_{i}.png", grey(i))

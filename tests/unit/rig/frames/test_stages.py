@@ -10,7 +10,7 @@ import pytest
 
 from drivers.errors import InputError
 from rig.frames.stages import BAND_PX, GAP_PX, PANEL_HEIGHT_PX, explained_lift, stages_picture
-from support.command_line import rig
+from support.command_line import refusal, succeed
 
 pytestmark = pytest.mark.heavy
 
@@ -42,13 +42,10 @@ def test_texture_and_curvature_of_the_first_row_are_drawn_at_the_contact() -> No
 
 def test_command_writes_a_picture_and_names_missing_input(tmp_path: Path) -> None:
     out = tmp_path / "stages.png"
-    done = rig("explain", str(STORED), "--out", str(out), "--json")
-    assert done.returncode == 0, done.stderr
+    done = succeed("explain", str(STORED), "--out", str(out), "--json")
     assert cv2.imread(str(out)) is not None
     assert abs(json.loads(done.stdout)["angle_deg"]) > 3.0
     assert "image angle" in done.stderr
     with pytest.raises(InputError, match="no finished lift 9"):
         explained_lift(STORED, 9, None)
-    refused = rig("explain", str(STORED), "--background", "auto", "--out", str(out))
-    assert refused.returncode == 2
-    assert "leave --background" in refused.stderr
+    assert "leave --background" in refusal("explain", str(STORED), "--background", "auto", "--out", str(out))

@@ -148,13 +148,7 @@ def test_events_follow_from_the_readings() -> None:
         {"time_s": 5.0, **taken, "zero_s": 2.2, "slip": True},
         {"time_s": 5.1, **taken, "zero_s": 2.2, "slip": True, "dropped": 2},
         {"time_s": 5.4, **taken, "zero_s": 2.2, "dropped": 5},
-        {
-            "time_s": 7.0,
-            **taken,
-            "zero_s": 2.2,
-            "dropped": 6,
-            "state": "no_contact",
-        },
+        {"time_s": 7.0, **taken, "zero_s": 2.2, "dropped": 6, "state": "no_contact"},
     ):
         history.take(message(**values))
         history.take(message(**{**values, "sensor": OBJECT}))

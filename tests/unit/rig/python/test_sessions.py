@@ -83,23 +83,6 @@ def test_arm_wrench_gripper_and_markers_are_arrays(session: rig.Session) -> None
     assert lift.arm is arm, "a recording is read once"
 
 
-def test_estimator_measures_the_rotation_in_frames(session: rig.Session) -> None:
-    (lift,) = session
-    serial = lift.serials[0]
-    frames = [f for f in lift.frames(serial) if f.time_s >= lift.phases_s["A"]]
-    result = rig.estimate(
-        [f.image for f in frames],
-        lift.background(serial),
-        times_s=[f.time_s for f in frames],
-        estimator="pca",
-    )
-    assert len(result) == len(frames)
-    assert result.time_s[0] == pytest.approx(frames[0].time_s, abs=1e-8)
-    turned = lift.truth.angle_deg[-1] - lift.truth.angle_deg[0]
-    answered = result.angle_deg[np.isfinite(result.angle_deg)]
-    assert abs(answered[-1]) == pytest.approx(abs(turned), abs=6.0)
-
-
 def test_tables_need_pandas(session: rig.Session, monkeypatch: pytest.MonkeyPatch) -> None:
     (lift,) = session
     monkeypatch.setitem(sys.modules, "pandas", SimpleNamespace(DataFrame=dict))

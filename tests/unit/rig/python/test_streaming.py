@@ -66,14 +66,6 @@ def test_reference_without_contact_is_rejected_and_the_old_one_stays() -> None:
 
 
 @pytest.mark.heavy
-def test_memory_stays_bounded() -> None:
-    estimator = rig.estimator("ellipse", background=gel(80, 60))
-    for number in range(300):
-        estimator.update(gel(80, 60, number % 5), number / 60.0)
-    assert len(estimator.track.samples) < 60
-
-
-@pytest.mark.heavy
 def test_memory_does_not_grow_over_many_frames() -> None:
     """20,000 frames of a press that repeats: 11 minutes at 30 Hz."""
     frames = [frame.image for frame in desk_frames(8.0)]

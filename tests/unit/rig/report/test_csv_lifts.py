@@ -177,10 +177,3 @@ def test_steps_that_no_object_can_turn_are_unwrapped_and_others_kept_with_a_note
     assert score.max_deg == pytest.approx(largest_deg, abs=1e-9)
     assert note in caplog.text
     assert note or not caplog.text
-
-
-def test_field_case_has_the_errors_of_its_plain_twin(real_data: Path) -> None:
-    curves = real_data / "field_cases" / "curves"
-    plain, other = (read_table(curves / f"{name}.csv") for name in ("plain", "truth_wrapped"))
-    assert other.re.mean_deg == pytest.approx(plain.re.mean_deg, abs=0.01)
-    assert any("unwrapped" in note for note in read_tables([curves])[1])

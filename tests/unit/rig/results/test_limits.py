@@ -38,28 +38,6 @@ def verdicts(rows: list[Lift], **limit: object) -> list[tuple[str, float | None,
     return [(one.of, one.value, one.met) for one in found]
 
 
-@pytest.mark.parametrize(
-    ("text", "said"),
-    [
-        ("limits = []\nupperr = 0.2", "l.toml:2: upperr: unknown key (did you mean 'upper'?)"),
-        (
-            '[[limits]]\nfigure = "mare_deg"\nupperr = 0.2',
-            "l.toml:3: limits.0.upperr: unknown key (did you mean",
-        ),
-        ("limits = 3", "l.toml:1: limits: must be a list, found 3"),
-        ("[[limits]]\nfigure = { of = 1 }\nupper = 1.0", "must be text in quotation marks, found a table"),
-    ],
-)
-def test_faults_of_a_limits_file_are_named_in_the_words_of_the_file(
-    text: str, said: str, tmp_path: Path
-) -> None:
-    (tmp_path / "l.toml").write_text(text)
-    with pytest.raises(InputError) as raised:
-        read_limits(tmp_path / "l.toml")
-    assert said in str(raised.value)
-    assert not re.search(r"column|[Tt]uple|\bdict\b|Input should|validation", str(raised.value))
-
-
 def test_each_accepted_lift_is_compared_and_one_without_the_figure_misses(rows: list[Lift]) -> None:
     assert verdicts(rows, figure="re_mean_deg", upper=1.0) == [
         ("wrench, lift 1", 0.5, True),
@@ -127,24 +105,23 @@ def test_limits_of_a_bench_file_are_for_all_trials() -> None:
     ("text", "words"),
     [
         ("", "limits: is missing"),
-        (
-            '[[limit]]\nfigure = "answered"\nlower = 1\n',
-            "limits.toml:1: limit: unknown key .did you mean 'limits'",
-        ),
+        ("limits = []\nupperr = 0.2", r"l.toml:2: upperr: unknown key \(did you mean 'upper'\?\)"),
+        ('[[limit]]\nfigure = "answered"\nlower = 1\n', "l.toml:1: limit: unknown key .did you mean"),
+        ("limits = 3", "l.toml:1: limits: must be a list, found 3"),
+        ("[[limits]]\nfigure = { of = 1 }\nupper = 1.0", "must be text in quotation marks, found a table"),
         ('[[limits]]\nfigure = "answered"\n', "needs lower, upper or both"),
         ('[[limits]]\nfigure = "answered"\nlower = 2\nupper = 1\n', "lower is above upper"),
-        (
-            '[[limits]]\nfigure = "answered"\nlowest = 2\n',
-            "limits.toml:3: limits.0.lowest: .*did you mean 'lower'",
-        ),
+        ('[[limits]]\nfigure = "answered"\nlowest = 2\n', "l.toml:3: limits.0.lowest: .*mean 'lower'"),
         ('[[limits]]\nfigure = "answered"\nlower = "much"\n', "number"),
     ],
 )
-def test_invalid_file_is_refused_with_the_key(text: str, words: str, tmp_path: Path) -> None:
-    file = tmp_path / "limits.toml"
-    file.write_text(text)
-    with pytest.raises(InputError, match=words):
-        read_limits(file)
+def test_invalid_file_is_refused_with_the_key_in_the_words_of_the_file(
+    text: str, words: str, tmp_path: Path
+) -> None:
+    (tmp_path / "l.toml").write_text(text)
+    with pytest.raises(InputError, match=words) as raised:
+        read_limits(tmp_path / "l.toml")
+    assert not re.search(r"column|[Tt]uple|\bdict\b|Input should|validation", str(raised.value))
 
 
 def test_verdicts_as_rows_json_lines_and_junit(rows: list[Lift]) -> None:

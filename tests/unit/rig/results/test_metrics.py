@@ -1,8 +1,5 @@
 """RE and MARE as the paper and the contract define them."""
 
-import csv
-from pathlib import Path
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -13,9 +10,10 @@ from rig.sessions.records import ErrorSummary
 
 
 def test_errors_of_a_lift_have_mean_deviation_and_maximum() -> None:
-    summary = summarize(np.array([1.0, 3.0]))
+    summary = summarize(np.array([1.0, 1.0, 2.0, 2.0, 14.0]))
     assert summary is not None
-    assert (summary.mean_deg, summary.std_deg, summary.max_deg, summary.frames) == (2.0, 1.0, 3.0, 2)
+    assert (summary.mean_deg, summary.std_deg**2, summary.max_deg) == pytest.approx((4.0, 25.2, 14.0))
+    assert summary.frames == 5
     assert summarize(np.array([])) is None
 
 
@@ -95,16 +93,3 @@ def test_no_winner_is_named_between_equal_sides_more_than_once_in_twenty(lifts: 
 
 def test_refused_frames_hold_the_last_angle() -> None:
     assert hold_last([None, 2.0, None, 5.0]).tolist() == [0.0, 2.0, 2.0, 5.0]
-
-
-def test_real_curves_of_the_authors_give_the_published_differences(real_data: Path) -> None:
-    """The same metric on curves of real lifts, digitised from the paper's plots."""
-    folder = real_data / "aurova_figures" / "curves"
-    with (folder / "summary.csv").open() as stream:
-        stated = {row["object"]: float(row["mean_abs_diff_deg"]) for row in csv.DictReader(stream)}
-    for name, expected in stated.items():
-        curve = np.genfromtxt(folder / f"{name}.csv", delimiter=",", names=True)
-        errors = np.abs(curve["pred_deg"] - curve["aruco_gt_deg"])
-        summary = summarize(errors[np.isfinite(errors)])
-        assert summary is not None
-        assert summary.mean_deg == pytest.approx(expected, abs=0.02)

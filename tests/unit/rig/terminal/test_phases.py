@@ -21,9 +21,7 @@ def test_a_silent_phase_prints_its_name_on_stderr(capsys: pytest.CaptureFixture[
     assert capsys.readouterr() == ("", "reading 3 lifts ...\n")
 
 
-def test_other_output_replaces_the_phase_name(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_other_output_replaces_the_phase_name(capsys: pytest.CaptureFixture[str]) -> None:
     with guarded_output():
         begin_phase("loading")
         begin_phase("reading 3 lifts")

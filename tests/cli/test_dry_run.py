@@ -10,7 +10,7 @@ from fakes.devices.arm import FakeArm
 from rig.config import load_bench
 from rig.config.models import BenchConfig
 from rig.config.write import write_bench
-from support.command_line import rig, succeed
+from support.command_line import rig
 
 COMMANDS = {
     "trial": (("trial", "--object", "wrench", "--lifts", "2"), "t1/2 wrench"),
@@ -59,17 +59,3 @@ def test_dry_run_reports_refused_motions_and_unreachable_devices(tmp_path: Path)
     assert "cannot reach 127.0.0.9" in done.stdout
     assert "- arm reached" in done.stdout
     assert "WOULD BE REFUSED: t1/1 wrench: arm: 0.250 m/s is more than 0.2 m/s" in done.stdout
-<<<<<<< HEAD
-=======
-
-
-def test_plan_warns_if_the_arm_has_no_force_sensor(tmp_path: Path) -> None:
-    bench = load_bench("fake")
-    arm = bench.arm.model_copy(update={"force_sensor": False})
-    write_bench(tmp_path / "bench.toml", bench.model_copy(update={"arm": arm}))
-    done = succeed(
-        "trial", "--object", "wrench", "--lifts", "1", "--bench", tmp_path / "bench.toml", "--dry-run"
-    )
-    assert "WARNING: the arm has no force sensor" in done.stdout
-    assert "way down is NOT GUARDED" in done.stdout.replace("\n", " ")
->>>>>>> tests

@@ -137,21 +137,6 @@ def test_person_is_asked_for_each_pose_of_a_real_sensor_even_with_yes(real_gel: 
 
 
 @pytest.mark.heavy
-<<<<<<< HEAD
-=======
-def test_simulated_calibration_is_refused_for_a_real_sensor_of_that_serial(
-    desk: Path, real_gel: Path, tmp_path: Path
-) -> None:
-    assert rig("calibrate", "tactile", "--bench", desk, "--json").returncode == 0
-    made = next((tmp_path / "calibrations").glob("*.yaml"))
-    made.rename(made.with_name("tactile-SIM-D0001.yaml"))  # as that of a gel's scale is called
-    for file in (real_gel, mixed_bench(tmp_path)):
-        shown = refusal("record", "--object", "7", "--by", "hand", "--bench", file, "--out", tmp_path / "s")
-        assert "tactile-SIM-D0001.yaml: was made on simulated devices" in shown
-
-
-@pytest.mark.heavy
->>>>>>> tests
 def test_doctor_and_calibration_work_with_one_sensor(desk: Path, tmp_path: Path) -> None:
     common = ["--bench", desk, "--json"]
     shown = rig("doctor", *common, "--seconds", 0.5, "--disk", tmp_path)

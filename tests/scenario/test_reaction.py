@@ -30,11 +30,7 @@ from rig.sessions.records import Lift, LiftOutcome
 from rig.sessions.rows import read_finished_lifts
 from rig.tactile.estimators import choose_estimator
 from support.benches import lighter, short_phases
-<<<<<<< HEAD
-from support.command_line import rig
-=======
 from support.command_line import answer, refusal
->>>>>>> tests
 
 
 def settings(react: str, max_turn_deg: float | None = None) -> TrialSettings:
@@ -135,16 +131,10 @@ def test_tables_tell_reacting_lifts_apart(folder: Path, summary: TrialSummary) -
 
 @pytest.mark.heavy
 def test_limit_on_the_turn_delays_the_reaction() -> None:
-<<<<<<< HEAD
-    late = attempt_lift(settings("tighten", 20.0), LiftTask(1, "t2", 1)).row
-    assert late.reactions
-    first = late.reactions[0]
-=======
     row = attempt_lift(settings("tighten", 20.0), LiftTask(1, "t2", 1)).row
     assert row.accepted
     assert row.reactions
     first = row.reactions[0]
->>>>>>> tests
     assert first.command_s > first.event_s + 0.02
 
 

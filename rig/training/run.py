@@ -113,19 +113,8 @@ def model_card(
     """Return the card of a trained network, scored on the fold's test objects.
 
     data: frames to train on, to validate and to test with. files: ONNX files by precision, fp32 among them.
-    Every file is scored alone; "as_used" has the scores of the masks of `rig segment`, which also contain the
-    parts of a contact that the network has missed, for networks that compare with a frame without contact.
     """
-    architecture, test = training.architecture, data[2]
-
-    def score(precision: str, alone: bool) -> dict[str, float]:
-        return asdict(score_masks(segmenter_maker(SegmentChoice(str(files[precision]), alone=alone)), test))
-
-    alone = {precision: score(precision, True) for precision in files}
-    compares = architecture.inputs is NetworkInput.FRAME_AND_DIFFERENCE
-    as_used = score("fp32", False) if compares else None
-    full_ms = (as_used or alone["fp32"])["ms"]
-    height, width = training.size
+    architecture, test, (height, width) = training.architecture, data[2], training.size
     weights = settings.encoder_weights.name if settings.encoder_weights else "random"
     return {
         "name": architecture.name,
@@ -152,19 +141,37 @@ def model_card(
             "wall_s": sum(epoch.wall_s for epoch in training.history),
             "cpu_s": sum(epoch.cpu_s for epoch in training.history),
         },
-        "test": _shares(alone["fp32"]),
+        **_scores(files, architecture, test),
+        "torch": str(torch.__version__),
+    }
+
+
+def _scores(files: dict[str, Path], architecture: Architecture, test: Examples) -> dict[str, object]:
+    """Return the scores of a card.
+
+    Every file is scored alone; "as_used" has the scores of the masks of `rig segment`, which also contain the
+    parts of a contact that the network has missed, for networks that compare with a frame without contact.
+    """
+
+    def score(file: Path, alone: bool) -> dict[str, float]:
+        return asdict(score_masks(segmenter_maker(SegmentChoice(str(file), alone=alone)), test))
+
+    alone = {precision: score(file, True) for precision, file in files.items()}
+    full, compares = alone["fp32"], architecture.inputs is NetworkInput.FRAME_AND_DIFFERENCE
+    as_used = score(files["fp32"], False) if compares else None
+    return {
+        "test": _shares(full),
         "as_used": None if as_used is None else _shares(as_used),
-        "ms_per_frame": full_ms,
+        "ms_per_frame": (as_used or full)["ms"],
         "files": {
             precision: {
                 **file_facts(files[precision]),
                 "dice": found["dice"],
                 "ms_per_frame": found["ms"],
-                "holds": abs(found["dice"] - alone["fp32"]["dice"]) <= EIGHT_BIT_LOSS,
+                "holds": abs(found["dice"] - full["dice"]) <= EIGHT_BIT_LOSS,
             }
             for precision, found in alone.items()
         },
-        "torch": str(torch.__version__),
     }
 
 

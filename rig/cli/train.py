@@ -4,7 +4,7 @@ import re
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from drivers.errors import InputError
 from rig.cli.common import emit_json, print_result, say
@@ -12,6 +12,9 @@ from rig.cli.helping import Commands
 from rig.cli.options import JsonOption, SeedOption
 from rig.declared import argument, file_place, folder_place, option
 from rig.terminal.progress import training_view
+
+if TYPE_CHECKING:
+    from rig.labels.datasets import Fold
 
 EPOCHS, PAPER_EPOCHS = 10, 30
 
@@ -78,22 +81,15 @@ def train(options: TrainOptions) -> None:
       rig train --all --units family --out runs/table2 --resume
     """
     require_training()
-    from rig.labels.datasets import FOLDS, find_fold, own_fold
     from rig.terminal.tables import console_table, table_console
     from rig.training.networks import ARCHITECTURES, find_architecture
     from rig.training.run import TrainSettings, checked_units, train_all
 
     data, architectures = options.data, ARCHITECTURES if options.everything else options.arch or ["ours"]
-    if options.validate and (data == "simulated" or options.fold or options.everything):
-        raise InputError("--validate: only with --data FOLDER, and without --fold and --all")
-    if options.test and not options.validate:
-        raise InputError("--test: name the objects that choose the best epoch as well, with --validate")
-    own = [own_fold(options.validate, options.test or ())] if options.validate else []
-    folds = own or list(map(find_fold, FOLDS if options.everything else options.fold or ["D_s3"]))
     settings = TrainSettings(
         data=data,
         architectures=tuple(map(find_architecture, architectures)),
-        folds=tuple(folds),
+        folds=_choose_folds(options),
         encoder=options.encoder,
         images=options.images,
         epochs=options.epochs or (PAPER_EPOCHS if options.paper else EPOCHS),
@@ -127,6 +123,19 @@ def train(options: TrainOptions) -> None:
     table_console(options.json).print(console_table(columns, rows, range(len(columns)), title))
     if options.json:
         emit_json({"out": str(options.out), "models": cards})
+
+
+def _choose_folds(options: TrainOptions) -> "tuple[Fold, ...]":
+    """Return the folds of the options. Raises `InputError` for options that exclude one another."""
+    from rig.labels.datasets import FOLDS, find_fold, own_fold
+
+    if options.test and not options.validate:
+        raise InputError("--test: name the objects that choose the best epoch as well, with --validate")
+    if not options.validate:
+        return tuple(map(find_fold, FOLDS if options.everything else options.fold or ["D_s3"]))
+    if options.data == "simulated" or options.fold or options.everything:
+        raise InputError("--validate: only with --data FOLDER, and without --fold and --all")
+    return (own_fold(options.validate, options.test or ()),)
 
 
 def require_training() -> None:

@@ -127,12 +127,12 @@ class FrameSeries:
     def __iter__(self) -> Iterator[TimedFrame]:
         """Read the frames. Raises `InputError` at the first one of another size, and for two sensors."""
         shape: tuple[int, ...] | None = None
-        first = list[TimedFrame]()
+        begin = list[TimedFrame]()
         for frame in self.read():
             if frame.image is not None:
-                if len(first) < COMPARED:
-                    first.append(frame)
-                    _require_one_sensor(self.name, first)
+                if len(begin) < COMPARED:
+                    begin.append(frame)
+                    _require_one_sensor(self.name, begin)
                 shape = shape or frame.image.shape
                 if frame.image.shape != shape:
                     seen, first = size_text(frame.image.shape), size_text(shape)

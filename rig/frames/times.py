@@ -33,6 +33,7 @@ from drivers.formats import (
 )
 from drivers.tally import LONGEST_STEP_NS
 from rig.frames.clips import ABOUT
+from rig.sessions.recorder import seconds_text
 
 LEAST_FPS, MAX_FPS = 0.02, 2000.0
 """Frame rates in Hz of a tactile sensor; times with another rate are in another unit than s."""
@@ -154,7 +155,7 @@ def spacing_notes(times_ns: Sequence[int] | Times) -> list[str]:
 def replace_times(times: Sequence[FrameTime], used_ns: Times) -> list[FrameTime]:
     """Return times with those that are used in their place; an unchanged one keeps its text."""
     return [
-        time if time.time_ns == used else FrameTime(f"{used / NS_PER_S:.9f}", used)
+        time if time.time_ns == used else FrameTime(seconds_text(used), used)
         for time, used in zip(times, used_ns.tolist(), strict=True)
     ]
 
@@ -265,7 +266,7 @@ def times_in_names(names: Sequence[str]) -> tuple[list[FrameTime], str] | None:
     if min(np.diff(times_ns)) <= 0 or not USUAL_FPS[0] <= rate <= USUAL_FPS[1]:
         return None
     note = f"times: those in the names, in {unit}, {rate:.3g} frames per second; --fps sets others"
-    return [FrameTime(f"{time_ns / NS_PER_S:.9f}", time_ns) for time_ns in times_ns], note
+    return [FrameTime(seconds_text(time_ns), time_ns) for time_ns in times_ns], note
 
 
 def times_from_table(table: Path, names: Sequence[str]) -> list[FrameTime]:

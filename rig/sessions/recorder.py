@@ -253,4 +253,5 @@ def _or_none(value: float) -> float | None:
 
 def seconds_text(time_ns: int) -> str:
     """Return a time in s with all its digits."""
-    return f"{time_ns // NS_PER_S}.{time_ns % NS_PER_S:09d}"
+    whole, part = divmod(abs(time_ns), NS_PER_S)
+    return f"{'-' if time_ns < 0 else ''}{whole}.{part:09d}"
